@@ -77,17 +77,6 @@ def connect(certificates):
         session.close()
 
 
-async def test_a_pilot_looks_and_commands(guarded, connect):
-    _, endpoint, commanded = guarded
-    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
-    [(_, value, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/event/log")
-    assert value["text"] == "hello"
-    [(_, result, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
-    assert result["status"] == "accepted"
-    pilot.put(sticks_of(guarded[0]), b"sticks")
-    await wait_until(lambda: b"sticks" in commanded)
-
-
 @pytest.mark.parametrize("who", LOOKING)
 async def test_an_observer_and_a_recorder_look_and_cannot_command_or_fly(guarded, connect, who):
     _, endpoint, commanded = guarded
@@ -117,26 +106,6 @@ async def test_a_source_and_a_pilot_report_positions_and_no_observer_does(guarde
     pilot.put(sticks_of(guarded[0]), b"mine")
     await wait_until(lambda: b"mine" in commanded)
     assert (b"pose" in commanded) is is_taken
-
-
-async def test_nobody_forges_telemetry(guarded, connect):
-    _, endpoint, _ = guarded
-    heard = []
-    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
-    other = await asyncio.to_thread(connect, "pilot", endpoint)
-    other.declare_subscriber(
-        "mk/t1/**", zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr)), indirect=False)
-    )
-
-    def hears_us() -> bool:
-        guarded[0].publish("event/log", HELLO)
-        return "mk/t1/event/log" in heard
-
-    await wait_until(hears_us)
-    pilot.put("mk/t1/state/battery", b"full")
-    for _ in range(3):
-        await asyncio.to_thread(ask, pilot, "mk/t1/event/log")
-    assert "mk/t1/state/battery" not in heard
 
 
 @pytest.mark.parametrize("who", ["pilot", "observer"])
@@ -176,26 +145,11 @@ async def test_a_certificate_of_another_authority_is_told_why(guarded, certifica
         await open_session(config)
 
 
-async def test_a_daemon_of_another_name_is_told_why(guarded, certificates):
-    _, endpoint, _ = guarded
-    where = endpoint.replace("127.0.0.1", "127.0.0.2")
-    config = session_config("client", connect=[where], zenoh_file=certificates / "ours" / "pilot.json5")
-    found = await asyncio.to_thread(explain_tls_failure, config)
-    assert found is None or "not valid for '127.0.0.2'" in found  # None: nobody listens there
-
-
 async def test_certificates_that_are_not_there_are_named(tmp_path):
     config = session_config("client", connect=["tls/localhost:1"], zenoh_file=CONFIGS / "zenoh" / "client-tls.json5")
     config.insert_json5("transport/link/tls/connect_certificate", json.dumps(str(tmp_path / "none.pem")))
     config.insert_json5("transport/link/tls/root_ca_certificate", "null")
     assert "No such file" in explain_tls_failure(config)
-
-
-async def test_certificates_that_are_no_base64_are_named(certificates):
-    config = session_config("client", connect=["tls/localhost:1"], zenoh_file=certificates / "ours" / "pilot.json5")
-    assert explain_tls_failure(config) is None
-    config.insert_json5("transport/link/tls/connect_private_key_base64", json.dumps("#"))
-    assert "connect_private_key_base64 is not base64" in explain_tls_failure(config)
 
 
 def rules_of(file):

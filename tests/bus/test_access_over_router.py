@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 import shlex
-import signal
-import sys
 from concurrent.futures import Future
 from contextlib import asynccontextmanager
 from threading import Thread
@@ -16,7 +13,7 @@ import pytest
 import zenoh
 
 from lab.rigs.live import VEHICLE, live_daemon
-from lab.rigs.processes import MKCTL, Program
+from lab.rigs.processes import Program
 from lab.rigs.router import ROUTER
 from lab.rigs.waiting import PATIENCE, wait_for
 from lab.rigs.walk import blocks_of
@@ -29,7 +26,6 @@ from mkdaemon.client import connect, transport
 from mkdaemon.client.fleet import Fleet
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import MkError
-from mkdaemon.record.reader import Recording
 from mkdaemon.view.top.fleetboard import KEYS
 from tests.places import DOCS
 
@@ -102,38 +98,6 @@ def side(tmp_path_factory):
         loop.call_soon_threadsafe(stop.set)
         thread.join()
         loop.close()
-
-
-@asynccontextmanager
-async def recording(side, folder):
-    """`mkctl log record` with the recorder's certificate; on leaving it is ended as by Ctrl-C, and well."""
-    words = ["log", "record", "--folder", str(folder), "--connect", side.endpoint]
-    environment = {**os.environ, "MK_ZENOH_FILE": str(side.folder / "recorder.json5")}
-    pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, *MKCTL, *words, env=environment, stdout=pipe, stderr=pipe
-    )
-    try:
-        await wait_for(lambda: list(folder.rglob("*.mcap")), PATIENCE, 0.1)
-        yield
-    finally:
-        process.send_signal(signal.SIGINT)
-        printed = await process.communicate()
-    assert process.returncode in (0, 130), printed
-
-
-async def test_a_pilot_flies_and_a_recorder_records(side, tmp_path):
-    external = side.simulation.flight.external
-    async with recording(side, tmp_path), side.client("pilot") as pilot:
-        async with pilot.lease() as lease:
-            flying = asyncio.create_task(lease.stick(pitch=7, throttle=0, seconds=1.0))
-            await wait_for(lambda: abs(external.held.pitch) == 7)
-            await flying
-        await wait_for(lambda: not external.is_valid)
-    [path] = tmp_path.rglob("*.mcap")
-    keys = {entry.key for entry in Recording(path).entries()}
-    assert f"mk/{VEHICLE}/control/output" in keys
-    assert not any("/setpoint/" in key for key in keys), "no recorder hears what is asked of an aircraft"
 
 
 async def test_an_observer_looks_and_is_refused_with_words(side, monkeypatch):

@@ -24,7 +24,6 @@ from mkdaemon.bus.floods import (
     STRANGER_RATE,
     QueryBudgets,
     ShedCounter,
-    flood_settings,
 )
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import FLOOD, STRANGERS, SetpointIntake
@@ -57,18 +56,6 @@ async def bus_of_one_second():
         yield opened, endpoint
 
 
-async def test_a_subscriber_receives_what_is_published(bus):
-    opened, endpoint = bus
-    with client(endpoint) as session:
-        subscriber = session.declare_subscriber("mk/t1/state/**", zenoh.handlers.FifoChannel(16))
-        await asyncio.to_thread(_wait_for_a_match, session, opened)
-        opened.publish("state/battery", BATTERY)
-        sample = await asyncio.to_thread(subscriber.handler.recv)
-    assert str(sample.key_expr) == "mk/t1/state/battery"
-    assert str(sample.encoding) == "application/msgpack;mk.Battery.v1"
-    assert msgpack.unpackb(sample.payload.to_bytes()) == BATTERY.model_dump()
-
-
 def _wait_for_a_match(session, opened):
     publisher = opened._session.declare_publisher("mk/t1/state/battery")
     deadline = time.monotonic() + PATIENCE
@@ -89,21 +76,6 @@ async def test_what_the_bus_itself_subscribes_to_is_no_audience(bus):
         await asyncio.wait_for(waiting, PATIENCE)
         await asyncio.wait_for(opened.wait_until_watched(), PATIENCE)
         watcher.undeclare()
-
-
-async def test_every_key_answers_with_its_last_value_and_age(bus):
-    opened, endpoint = bus
-    opened.publish("state/battery", BATTERY.model_copy(update={"voltage": 12.0}))
-    opened.publish("state/battery", BATTERY)
-    opened.publish("event/log", LogEvent(stamp=STAMP, level="info", text="hello"))
-    with client(endpoint) as session:
-        [(key, value, encoding)] = await asyncio.to_thread(ask, session, "mk/t1/state/*")
-        everything = await asyncio.to_thread(ask, session, "mk/t1/**")
-    assert key == "mk/t1/state/battery"
-    assert value.pop("age") >= 0
-    assert value == BATTERY.model_dump()
-    assert encoding == "application/msgpack;mk.Battery.v1"
-    assert {"mk/t1/state/battery", "mk/t1/event/log"} <= {reply[0] for reply in everything}
 
 
 async def test_only_keys_of_the_table_can_be_published(bus):
@@ -179,38 +151,8 @@ async def test_leaving_ends_commands_that_still_run():
     assert ended.is_set()
 
 
-async def test_a_bus_that_cannot_be_declared_leaves_no_thread_behind(monkeypatch):
-    def fail(*_):
-        raise RuntimeError("wires crossed")
-
-    monkeypatch.setattr(Bus, "_declare_lookup", fail)
-    with pytest.raises(RuntimeError, match="wires crossed"):
-        async with Bus.open(bus_config(free_endpoint()), "t9"):
-            pytest.fail("it was opened")
-    assert not [thread.name for thread in threading.enumerate() if thread.name in {"bus.lookups", "bus.replies"}]
-
-
 def _impatient(endpoint):
     return session_config("client", connect=[endpoint], patience=0.05)
-
-
-async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
-    opened, endpoint = bus
-    taken: asyncio.Queue[tuple[float, bytes, int | None]] = asyncio.Queue()
-    opened.receive(
-        "setpoint/stick",
-        lambda t, raw, signed_for: taken.put_nowait((t, raw, signed_for)),
-        lambda raw, proof: 7 if proof == bytes(32) else None,
-    )
-    before = time.monotonic()
-    with client(endpoint) as session:
-        came = []
-        for attachment in (bytes(32), bytes(33), None):
-            await asyncio.to_thread(session.put, sticks_of(opened), b"abc", attachment=attachment)
-            came.append(await asyncio.wait_for(taken.get(), PATIENCE))
-    stamp = came[0][0]
-    assert [(raw, signed_for) for _, raw, signed_for in came] == [(b"abc", 7), (b"abc", None), (b"abc", None)]
-    assert before <= stamp <= time.monotonic()
 
 
 @pytest.fixture
@@ -276,26 +218,6 @@ async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_rel
     assert sum(opened.take_shed().values()) >= len(busy)
 
 
-async def test_what_was_shed_has_names_of_ours(bus_of_one_second):
-    opened, endpoint = bus_of_one_second
-
-    async def handler(suffix: str, payload: Payload) -> CommandResult:
-        return CommandResult(status=Status.ACCEPTED)
-
-    opened.serve("do", handler)
-    surplus = 100
-    with client(endpoint) as session:
-
-        def flood() -> None:
-            number = int(QUERY_RATES[ALL_OTHERS]) + surplus
-            asked = [session.get(f"mk/t1/do/mine{each}", timeout=PATIENCE) for each in range(number)]
-            for one in asked:
-                list(one)
-
-        await asyncio.to_thread(flood)
-    assert opened.take_shed() == {"unknown queries": surplus}
-
-
 def test_each_kind_of_command_has_its_own_budget_and_a_long_one_counts_for_many():
     now = 0.0
     budgets = QueryBudgets(lambda: now)
@@ -308,11 +230,6 @@ def test_each_kind_of_command_has_its_own_budget_and_a_long_one_counts_for_many(
     for name, size, admitted in long:
         budgets = QueryBudgets(lambda: 0.0)
         assert sum(budgets.admit(name, size) for _ in range(500)) == admitted
-
-
-def test_connections_leave_files_for_the_port():
-    settings = flood_settings("t1", ("setpoint/stick",), ("state",))
-    assert settings["transport/unicast/accept_pending"] + settings["transport/unicast/max_sessions"] < 700
 
 
 async def test_silent_connections_keep_no_client_out(bus):
@@ -471,23 +388,6 @@ async def test_a_stopped_subscriber_does_not_hold_up_the_publisher(bus):
             assert time.monotonic() < deadline, "the subscriber was cut off"
             opened.publish("event/log", LogEvent(stamp=STAMP, level="info", text="still here?"))
             await asyncio.sleep(0.05)
-
-
-async def test_a_daemon_joins_a_router_whenever_that_comes():
-    meeting_point = free_endpoint()
-    async with Bus.open(bus_config(free_endpoint(), connect=(meeting_point,)), "t7") as opened:
-        opened.publish("state/battery", BATTERY)
-        router = await asyncio.to_thread(zenoh.open, session_config("router", listen=[meeting_point]))
-        try:
-            with client(meeting_point) as session:
-                deadline = time.monotonic() + PATIENCE
-                while not (replies := await asyncio.to_thread(ask, session, "mk/t7/state/battery")):
-                    assert time.monotonic() < deadline, "the daemon never joined"
-                    await asyncio.sleep(0.05)
-        finally:
-            await asyncio.to_thread(router.close)
-    [(_, value, _)] = replies
-    assert value["voltage"] == BATTERY.voltage
 
 
 @pytest.mark.parametrize("takes_images", [False, True])

@@ -5,18 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from collections.abc import Iterator, Mapping
-from typing import get_args, get_origin
 
 import pytest
 import zenoh
-from pydantic import BaseModel
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.gateway import UNKNOWN_SETPOINTS, Bus
-from mkdaemon.bus.keys import KEYS, Use, find, of_use, roots
+from mkdaemon.bus.keys import KEYS, Use, find
 from mkdaemon.bus.names import key, received_suffix, received_vehicle, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.telemetry.state import Attitude
@@ -38,25 +35,6 @@ def test_every_line_is_a_key_expression_with_a_schema():
             assert undescribed == [], f"{spec.suffix}: a field without a word on its meaning and unit"
 
 
-def keys_of_maps(annotation: object) -> Iterator[object]:
-    """Types of the keys of every map in a type."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        for field in annotation.model_fields.values():
-            yield from keys_of_maps(field.annotation)
-        return
-    parts = get_args(annotation)
-    if parts and get_origin(annotation) in (dict, Mapping):
-        yield parts[0]
-    for part in parts:
-        yield from keys_of_maps(part)
-
-
-def test_keys_of_maps_are_words():
-    """Readers of msgpack take no others, and JSON has none."""
-    kinds = {(spec.suffix, kind) for spec in KEYS if spec.carries for kind in keys_of_maps(spec.carries)}
-    assert not [(suffix, kind) for suffix, kind in kinds if not (isinstance(kind, type) and issubclass(kind, str))]
-
-
 def test_no_two_lines_claim_the_same_key():
     patterns = [zenoh.KeyExpr(spec.pattern) for spec in KEYS]
     clashes = [(str(a), str(b)) for n, a in enumerate(patterns) for b in patterns[n + 1 :] if a.intersects(b)]
@@ -74,12 +52,6 @@ def test_keys_are_found_by_their_suffix_and_those_of_other_vehicles_and_unknown_
     assert schema_json("Nothing.v1") is None
     assert "OsdData5.v1" in schema_names()
     assert len(schema_names()) == len(set(schema_names()))
-
-
-def test_the_daemon_answers_for_the_roots_it_publishes():
-    assert {"raw", "rx", "tx", "state", "link", "event", "health"} <= set(roots(Use.PUBLISHED))
-    assert "sim" not in roots(Use.PUBLISHED)
-    assert all(spec.use is Use.QUERY for spec in of_use(Use.QUERY))
 
 
 SETPOINTS = ("mk/*/setpoint/*", "mk/t1/setpoint/**", "mk/t1/setpoint/x")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 import struct
 import threading
@@ -11,8 +10,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 import zenoh
 
 from lab.rigs.waiting import PATIENCE, wait_until
-from mkdaemon.bus import linger
-from mkdaemon.bus.linger import LingerSweep, keep_closing_at_once
+from mkdaemon.bus.linger import LingerSweep
 from mkdaemon.bus.session import close_session, session_config
 from tests.bus.support import client, free_endpoint
 
@@ -101,15 +99,6 @@ async def test_setpoints_arrive_when_clients_have_vanished_without_a_word():
         await close_session(server)
 
 
-async def test_connections_that_come_later_are_seen():
-    sweeping = asyncio.create_task(keep_closing_at_once())
-    await asyncio.sleep(0)
-    with closing(socket.socket()) as late:
-        late.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
-        await wait_until(lambda: lingering(late)[0] == 0)
-    sweeping.cancel()
-
-
 def test_only_sockets_that_would_wait_are_changed():
     with closing(socket.socket()) as waits, closing(socket.socket()) as resets, closing(socket.socket()) as plain:
         waits.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
@@ -120,17 +109,3 @@ def test_only_sockets_that_would_wait_are_changed():
         waits.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
         assert sweep.sweep() == 0, "each is looked at once"
         assert waits.fileno() >= 0, "it is still open"
-
-
-def test_a_descriptor_used_again_is_looked_at_again():
-    sweep = LingerSweep()
-    for _ in range(2):
-        with closing(socket.socket()) as one:
-            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
-            assert sweep.sweep() >= 1
-            assert lingering(one)[0] == 0
-
-
-def test_a_system_without_proc_is_left_as_it_is(monkeypatch, tmp_path):
-    monkeypatch.setattr(linger, "DESCRIPTORS", tmp_path / "none")
-    assert LingerSweep().sweep() == 0

@@ -10,10 +10,8 @@ import msgpack
 import zenoh
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.bus.codec import TooLate, TooLong
+from mkdaemon.bus.codec import TooLate
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.bus.intake import Arrived
-from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.client import connect
 from mkdaemon.client.positions import PositionSender
 from mkdaemon.daemon.positions import clock_of
@@ -85,14 +83,6 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
         ("setpoint", "setpoint/stick", b"\x80", encoding, b"t" * 32, "", False),
         ("setpoint_refused", "setpoint/stick", "not_holder"),
     ]
-
-
-def test_what_is_too_long_is_taken_and_not_recorded():
-    recorder, taken = Recorder(), []
-    take = recorded_taker(recorder, "setpoint/stick", "", lambda at, payload, signed_for: taken.append(payload))
-    take(Arrived(1.0, TooLong(9000, 1024), b"", None, None))
-    assert recorder.seen == []
-    assert taken == [TooLong(9000, 1024)]
 
 
 SECRET = "0123456789abcdef"

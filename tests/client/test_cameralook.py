@@ -15,7 +15,7 @@ from mkdaemon.client import connect
 from mkdaemon.client.cameralook import advise, find_camera
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Exposure, EyeState, PoseRefusal, Tags, TagSighting, VisionStats
+from mkdaemon.telemetry.vision import Exposure, EyeState, Tags, TagSighting, VisionStats
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
 from tests.values import made
@@ -30,10 +30,6 @@ def stats(**more):
     """Of a camera that works."""
     seen = {"camera": "down", "state": EyeState.OK, "source": "/dev/video0", "width": 640, "height": 480}
     return made(VisionStats, CLOCK.stamp(), **seen | FIGURES | TIMES | {"exposure": LIGHT} | more)
-
-
-def test_a_camera_that_works_needs_nothing():
-    assert list(advise(stats(), 0.1)) == []
 
 
 @pytest.mark.parametrize(
@@ -120,11 +116,6 @@ def test_a_camera_that_cannot_be_shown_is_named(monkeypatch, tmp_path, capsys):
         assert "no image on the bus: set jpeg_hz" in capsys.readouterr().out
         assert run(app, ["camera", "front", *at, "--picture", str(tmp_path / "x.png")]) == EXIT_FAILURE
         assert "no image on the bus" in capsys.readouterr().err
-
-
-def test_figures_of_another_version_are_read_with_reasons_this_one_does_not_know():
-    recorded = stats().model_dump(mode="json") | {"refused": {"bits": 3, "range_jump": 2}}
-    assert VisionStats.model_validate(recorded).refused == {PoseRefusal.BITS: 3, "range_jump": 2}
 
 
 async def test_a_source_of_poses_is_no_camera():

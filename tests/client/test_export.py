@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import csv
-import tracemalloc
 from xml.etree import ElementTree
 
 import pytest
 
 from mkdaemon.client.export import tables
-from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
+from mkdaemon.client.export.tables import write_csv, write_parquet
 from mkdaemon.client.export.tracks import gpx, kml, tracks_of
 from mkdaemon.client.export.values import ExportedValue, read_values, unit_of
 from mkdaemon.errors import MkError
@@ -63,31 +62,6 @@ def test_a_table_has_every_value_of_its_key_with_units_in_the_header_and_parquet
 )
 def test_every_element_has_its_own_unit(schema, path, unit):
     assert unit_of(schema, path) == unit
-
-
-def test_what_is_empty_has_a_column():
-    stats = made("vision/down/stats", "VisionStats.v1", refused={}, alarms={}, attitude_lost={})
-    (table,) = tables_of([stats]).values()
-    assert list(table.columns)[2:] == ["refused", "alarms", "attitude_lost"]
-
-
-def many(count):
-    """So many values of a key, made when they are asked for."""
-    for number in range(count):
-        yield made("control/output", "ControlOutput.v1", pitch=number, roll=0.5, limited=number % 2 == 0, text="x" * 50)
-
-
-@pytest.mark.parametrize("write", [write_csv, write_parquet])
-def test_a_long_recording_takes_no_more_memory_than_a_short_one(tmp_path, write, monkeypatch):
-    monkeypatch.setattr(tables, "WAITING", 500)
-    write(lambda: many(10), tmp_path / "first", overwrite=False)  # what is loaded once is no matter
-    peaks = []
-    for count in (200, 1200):
-        tracemalloc.start()
-        write(lambda count=count: many(count), tmp_path / str(count), overwrite=False)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0] + 20_000
 
 
 def test_columns_of_parquet_have_one_kind_each_in_every_row_group(tmp_path, monkeypatch):

@@ -13,13 +13,10 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.bus.keys import KEYS
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.record import record
 from mkdaemon.client.groundrecorder import GroundPlan, GroundTap, record_ground
-from mkdaemon.client.samples import known_schema
 from mkdaemon.clock import Clock
-from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Congestion, EntryKind, Qos, TimeBase
 from mkdaemon.record.folder import RoomLimits
 from mkdaemon.record.queue import EntryQueue
@@ -45,14 +42,6 @@ def counts(**numbers):
 def tap():
     clock = Clock()
     return GroundTap(EntryQueue(10**6), clock, TimeBase.of(clock.stamp()))
-
-
-def test_no_key_of_ours_hides_behind_an_at_sign_and_schemas_are_known_by_name():
-    everything = zenoh.KeyExpr("mk/**")
-    assert all(everything.includes(zenoh.KeyExpr(f"mk/x/{spec.pattern}")) for spec in KEYS)
-    assert not everything.includes(zenoh.KeyExpr("mk/x/@hidden/y"))
-    assert b"voltage" in known_schema("Battery.v1")
-    assert known_schema("Nothing.v1") is None
 
 
 def test_loss_is_what_the_daemon_counted_and_did_not_arrive(tap):
@@ -133,17 +122,6 @@ def publish(*buses):
     for bus in buses:
         bus.publish("state/battery", BATTERY)
     return True
-
-
-async def test_a_mistake_is_told_at_once(tmp_path):
-    with pytest.raises(ConfigError, match="not a Zenoh endpoint"):
-        async with record_ground(GroundPlan(["nowhere"], tmp_path, LIMITS)):
-            pass
-    endpoint = free_endpoint()
-    async with Bus.open(bus_config(endpoint), "t3"):
-        with pytest.raises(ConfigError, match="not a key expression"):
-            async with record_ground(GroundPlan([endpoint], tmp_path, LIMITS, expressions=["mk//x"])):
-                await asyncio.sleep(30.0)
 
 
 async def test_the_command_ends_in_order_by_a_signal_and_says_what_came(tmp_path, capsys):

@@ -44,14 +44,6 @@ async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wan
         assert daemon.asked[-1] == RELEASE
 
 
-async def test_a_second_call_goes_on_without_a_neutral_lead(daemon, lease):
-    await lease.stick(pitch=5, throttle=0, seconds=0.1)
-    before = lease.setpoints
-    await lease.stick(pitch=9, throttle=0, seconds=0.1)
-    await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 9.0)
-    assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
-
-
 async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix(daemon, uav):
     daemon.holder = "somebody"
     with pytest.raises(CommandRejectedError, match="somebody holds the lease") as refused:
@@ -126,34 +118,6 @@ async def test_every_manoeuvre_streams_its_fields_and_the_name_of_its_target(dae
         await wait_until(lambda: daemon.setpoints[-1]["target"] == "pad-d")
         daemon.lose("it stands", outcome=Outcome.LANDED)
         await landing
-
-
-async def test_an_attitude_is_level_until_the_daemon_engages(daemon, lease):
-    await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)
-    assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05]
-    await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 0.1)
-
-
-async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemon, lease, monkeypatch):
-    monkeypatch.setattr("mkdaemon.client.session.GRACE", 0.2)
-    daemon.refuses = Token.NO_ESTIMATE
-    with pytest.raises(CommandRejectedError, match="no camera or source of poses has shown it yet") as refused:
-        await lease.goto(0, 0, 2, seconds=1)
-    assert refused.value.token == "no_estimate"
-    assert "mkctl watch" in refused.value.fix
-
-
-async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more(daemon, uav):
-    async with uav.lease() as lease:
-        landing = asyncio.create_task(lease.land())
-        await wait_until(lambda: lease.is_engaged)
-        daemon.lose("it stands", outcome=Outcome.LANDED)
-        await landing
-        assert lease.outcome is Outcome.LANDED
-        with pytest.raises(LeaseLostError, match=r"ended with the landing \(it stands\): take a new lease"):
-            await lease.take_off(1.5)
-    # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
-    assert RELEASE not in daemon.asked
 
 
 @pytest.mark.parametrize(
@@ -231,18 +195,6 @@ async def test_a_path_is_uploaded_flown_paused_and_flown_on(daemon, lease):
     assert flown == {("p1", 1, "pad"), ("p1", 2, "")}
     with pytest.raises(ManoeuvreError, match="no path is flown"):
         lease.resume_path()
-
-
-async def test_a_path_that_the_aircraft_cannot_fly_is_refused_and_nothing_is_streamed(daemon, uav):
-    def refuse_it():
-        raise refuse(Token.PATH_REFUSED, detail="piece 1 of 1, at 2.0 s, asks for 3 m/s", remedy="Slow it down by 3.")
-
-    daemon.replies["do/path_upload"] = refuse_it
-    async with uav.lease() as lease:
-        with pytest.raises(CommandRejectedError, match="asks for 3 m/s") as refused:
-            await lease.follow(PATH)
-    assert (refused.value.token, refused.value.fix) == ("path_refused", "Slow it down by 3.")
-    assert daemon.setpoints == []
 
 
 async def test_a_flight_that_fails_inside_is_given_back_and_not_landed(daemon, uav):

@@ -9,13 +9,11 @@ import pytest
 
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
-from mkdaemon.errors import CommandRejectedError, LeaseLostError
+from mkdaemon.errors import LeaseLostError
 from mkdaemon.virtualtime import run_virtually
 from tests.client.sessionlease import SessionLease
 
 STICKS = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-BUSY = CommandRejectedError("busy", "a release is under way.", "wait")
-HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 ANSWERS = 0.1
 """Time that a lease takes to be granted, and to be given back [s]."""
 
@@ -66,19 +64,6 @@ def test_a_lease_that_comes_when_it_is_not_wanted_any_more_is_given_back_at_once
     assert story(play) == ["granted 8", "released"]
 
 
-def test_a_flight_that_begins_again_while_the_lease_comes_flies_with_it():
-    async def play(keeper, daemon):
-        keeper.begin()
-        await asyncio.sleep(ANSWERS / 2)
-        keeper.give_back()
-        keeper.begin()
-        await asyncio.sleep(ANSWERS)
-        keeper.stream("stick", STICKS)
-        assert daemon.lease.streamed
-
-    assert story(play) == ["granted 8", "released"]
-
-
 def test_a_flight_that_begins_while_the_last_lease_ends_gets_one_of_its_own():
     async def play(keeper, daemon):
         await keeper.take()
@@ -105,21 +90,3 @@ def test_a_lost_lease_is_taken_again_by_a_flight_that_begins_and_by_no_stream():
         await keeper.take()
 
     assert story(play) == ["granted 8", "ended by the daemon", "granted 9", "released"]
-
-
-def test_a_refused_lease_is_raised_by_who_waits_for_it_and_not_asked_for_again():
-    async def play(keeper, daemon):
-        with pytest.raises(CommandRejectedError, match="somebody flies"):
-            await keeper.take()
-        await asyncio.sleep(3 * ANSWERS)
-        with pytest.raises(CommandRejectedError, match="somebody flies"):
-            keeper.step()
-
-    assert story(play, HELD) == []
-
-
-def test_a_busy_daemon_is_asked_again():
-    async def play(keeper, daemon):
-        await keeper.take()
-
-    assert story(play, BUSY, BUSY, BUSY) == ["granted 8", "released"]

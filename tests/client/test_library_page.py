@@ -27,14 +27,6 @@ def test_the_page_shows_examples_as_they_are(heading, name):
     assert program(heading) == (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8")
 
 
-def test_readme_shows_the_flight_of_the_examples_and_the_program_without_a_daemon_is_short():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
-    example = (ROOT / "examples" / "take_off_and_land.py").read_text(encoding="utf-8")
-    assert shown == example.partition("\n\n")[2]
-    assert sum(bool(line.strip()) for line in program("Decode a capture").splitlines()) <= 10
-
-
 def test_a_capture_decodes_without_a_daemon(tmp_path):
     shutil.copy(ROOT / "tests/data/captures/nc_mixed_60s.jsonl", tmp_path / "flight.jsonl")
     call = [sys.executable, "-c", program("Decode a capture")]

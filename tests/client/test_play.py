@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
 from contextlib import asynccontextmanager
 
@@ -15,9 +14,8 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client import connect
 from mkdaemon.client.player import FASTEST, Player, PlayPace, open_player_session
-from mkdaemon.client.playselection import STEP, PlayedCounts, PlayKey, PlaySelection, RecordedSamples, play_key
-from mkdaemon.config.names import require_vehicle_name
-from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.client.playselection import PlayKey, PlaySelection, RecordedSamples, play_key
+from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
@@ -104,25 +102,6 @@ def test_no_recorded_key_and_no_name_lead_to_one_that_commands(key, name):
         PlayKey(key)
 
 
-@pytest.mark.parametrize("name", ["live/setpoint", "live/do", "*", "a$*", "..", "live/", "/live", "", "Live", "a#b"])
-def test_no_name_is_more_than_a_name(name):
-    with pytest.raises(ConfigError, match="--as"):
-        require_vehicle_name(name, "--as")
-
-
-def test_everything_a_player_puts_is_a_value_somebody_publishes_under_its_own_root_or_the_name_that_was_given():
-    commanding = {spec.pattern for spec in KEYS if spec.use in {Use.QUERY, Use.SETPOINT, Use.TOKEN}}
-    names = [f"mk/{name}/{suffix}" for name in ("live", "do", "setpoint") for suffix in commanding | {"joy/*"}]
-    reached = [zenoh.KeyExpr(name) for name in names]
-    for spec in KEYS:
-        played = play_key("mk/live/" + spec.suffix.replace("<", "").replace(">", ""), "do")
-        if played is not None:
-            assert not [one for one in reached if one.intersects(zenoh.KeyExpr(played.whole))]
-    assert play_key("mk/mk1/state/attitude", None).whole == "replay/mk1/state/attitude"
-    assert play_key("mk/mk1/state/attitude", "show").whole == "mk/show/state/attitude"
-    require_vehicle_name("show", "--as")
-
-
 class Listener:
     """Everything that arrives under a pattern."""
 
@@ -158,27 +137,6 @@ async def test_what_is_played_is_what_was_recorded_byte_by_byte_and_in_order():
     assert listener.heard == recorded
     assert player.missing == {}
     assert player.sent.total == len(recorded)
-
-
-async def test_what_was_not_put_is_counted():
-    async with a_player(None, is_paused=True) as (player, selection, _):
-        player.adjust(lambda pace, now: pace.step(now))
-        task = asyncio.create_task(player.play())
-        await wait_until(lambda: player.sent.total == 1, 5.0)
-        player.stop()
-        await task
-    assert sum(player.missing.values()) == selection.total - 1
-    assert player.status().state is PlayState.PAUSED
-
-
-async def test_a_player_that_is_cancelled_ends_at_once():
-    async with a_player(None, 1e-3) as (player, _, _):
-        task = asyncio.create_task(player.play())
-        await wait_until(lambda: player.sent.total > 0, 5.0)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("play reader")]
 
 
 async def test_a_daemon_that_comes_up_under_the_name_ends_playing_and_one_that_is_there_refuses_it():
@@ -226,13 +184,6 @@ async def test_a_recording_that_plays_answers_as_the_vehicle_did():
             await uav.release("stop")
         assert refusal.value.token == Token.RECORDING
         assert "recording plays" in refusal.value.reason
-
-
-async def test_what_was_recorded_before_the_beginning_is_known():
-    recorded = list(samples())
-    third = recorded[-3].base.file_time(recorded[-3].received)
-    async with asked(1, first=third) as (_, _, uav):
-        assert set(await uav.get_all("**")) >= {entry.suffix for entry in recorded[:-2]}
 
 
 async def test_another_place_is_known_as_if_it_had_been_played_up_to_there():
@@ -291,28 +242,6 @@ async def test_who_asks_is_an_audience_too_and_a_player_that_waits_can_be_stoppe
             async with connect("show", endpoint) as uav:
                 await uav.get_all("state/*")
                 await waiting
-
-
-async def test_what_fails_while_it_reads_ends_playing():
-    calls = []
-
-    def broken():
-        calls.append(1)
-        yield from list(samples())[:5]
-        if len(calls) > 1:
-            raise OSError(5, "Input/output error")
-
-    async with a_player(None, 1000.0, Listed(broken)) as (player, _, _):
-        with pytest.raises(OSError, match="Input/output error"):
-            await player.play()
-
-
-def test_lateness_is_counted_in_steps():
-    counts = PlayedCounts()
-    assert counts.late_below(0.99) is None
-    counts.late.update(range(0, 1000, 10))
-    assert counts.late_below(0.5) == pytest.approx(491 * STEP)
-    assert counts.late_below(1.0) == pytest.approx(991 * STEP)
 
 
 def test_days_of_silence_are_told_and_not_waited_for():

@@ -9,9 +9,8 @@ from mkdaemon.client import Sample
 from mkdaemon.client.samples import message_from, read_payload
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ProtocolError
-from mkdaemon.protocol.messages import Settings, SettingsRequest
+from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.telemetry.traffic import FrameSample
 from tests import samples as samples_of
 from tests.client.fake import settle
 
@@ -28,26 +27,6 @@ async def test_telemetry_comes_back_as_the_model_that_was_published(daemon, uav)
         last = await uav.get("state/attitude")
         assert last.value == attitude
         assert 0 <= last.age < 60
-
-
-async def test_a_frame_comes_back_with_its_typed_message(daemon, uav):
-    message = SettingsRequest(index=3)
-    envelope = FrameSample(
-        stamp=Clock().stamp(), sequence=1, board="fc", id="q", message="SettingsRequest", layout="1", fields=message
-    )
-    async with uav.watch("tx/fc/*") as samples:
-        await settle(uav)
-        daemon.bus.publish("tx/fc/settings_request", envelope, schema=SettingsRequest)
-        value = (await anext(samples)).value
-        assert (value.board, value.fields) == ("fc", message)
-        unknown = envelope.model_copy(update={"fields": {"payload": b"\x01", "reason": "no such command"}})
-        daemon.bus.publish("tx/fc/unknown", unknown)
-        assert (await anext(samples)).value.fields == {"payload": b"\x01", "reason": "no such command"}
-
-
-@pytest.mark.parametrize("encoding", ["", "application/msgpack", "application/msgpack;mk.Later.v3"])
-def test_an_unknown_schema_leaves_the_map(encoding):
-    assert Sample("x", {"a": 1}, encoding).value == {"a": 1}
 
 
 def test_a_message_is_made_again_from_its_fields_or_an_error_names_the_field_that_does_not_fit():

@@ -15,7 +15,6 @@ from mkdaemon.client.session import (
     SETTLING,
     SIGHTING,
     SILENCE,
-    TRIES,
     FlightSession,
     RepeatedSetpoint,
     SessionState,
@@ -23,7 +22,6 @@ from mkdaemon.client.session import (
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import HolderGrant, Phase
 from mkdaemon.telemetry.event import CommandEvent
-from mkdaemon.telemetry.refusals import Token
 from tests.client.sessionlease import STAMP, control_status
 
 FREE, ASKED, HELD, LOST = SessionState
@@ -109,13 +107,6 @@ def test_a_lost_or_refused_lease_is_reported_by_every_call_until_it_is_acknowled
     assert flight.reason == "the lease is requested"
 
 
-@pytest.mark.parametrize("token", [Token.BUSY, Token.LINK_DOWN, Token.DISCOVERING])
-def test_after_a_refusal_that_passes_it_is_asked_again_but_not_for_ever(token):
-    flight, refusal = session(ASKED), CommandRejectedError(token, "for the moment.", "wait")
-    assert [flight.refused(refusal) for _ in range(TRIES + 1)] == [True] * TRIES + [False]
-    assert flight.state is LOST
-
-
 @pytest.mark.parametrize(("now", "state"), [(SETTLING, HELD), (SETTLING + 0.01, LOST)])
 def test_a_status_from_before_the_lease_does_not_end_it(now, state):
     flight = session(HELD)
@@ -166,19 +157,6 @@ def test_a_manoeuvre_is_led_until_the_daemon_engages_then_flown_for_its_time():
     assert now == pytest.approx(0.16) and flight.finished is not None and flight.repeated is None
 
 
-def test_a_timer_that_fires_a_hair_early_ends_a_manoeuvre_and_late_steps_are_not_made_up_for():
-    """Else it is stepped again at once until the clock passes its end: without end in virtual time."""
-    flight = session(HELD, phase=Phase.FLYING)
-    flight.fly(RepeatedSetpoint("stick", STICKS, ENGAGING, 0.1, 50.0), 0.0)
-    assert flight.step(0.0) is not None
-    assert flight.step(math.nextafter(0.1, 0.0)) is None
-    flight = session(HELD)
-    flight.fly(HOLD, 0.0)
-    flight.step(0.0)
-    flight.step(1.0)
-    assert flight.due == 1.0
-
-
 @pytest.mark.parametrize(
     ("at", "status", "ends"),
     [
@@ -196,15 +174,6 @@ def test_a_manoeuvre_ends_when_the_daemon_reports_it_done(at, status, ends):
     flight.status_arrived(status, at)
     assert (flight.step(at) is None) is ends
     assert (flight.finished is not None) is ends
-
-
-def test_a_manoeuvre_that_is_not_done_in_time_says_where_it_stands():
-    flight = session(HELD, phase=Phase.FLYING)
-    flight.fly(RepeatedSetpoint("position", {"position": (0, 0, 2), "frame": "pad"}, 1.0, 1.0, is_until_done=True), 0.0)
-    flight.step(0.0)
-    flight.status_arrived(control_status(Phase.FLYING, EPOCH, stage="on the way"), 0.9)
-    with pytest.raises(ManoeuvreError, match="position not done within 1 s: on the way"):
-        flight.step(1.0)
 
 
 def test_an_abort_is_ended_by_resume_alone():

@@ -11,9 +11,9 @@ import pytest
 from lab.places import ROOT
 from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client import watch as watch_module
-from mkdaemon.client.patterns import is_known, known_keys, require_known
+from mkdaemon.client.patterns import require_known
 from mkdaemon.client.streams import Stream
-from mkdaemon.errors import MkError, ProtocolError, SilenceError
+from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.telemetry.state import Attitude
 from tests.client.fake import settle
 from tools import client_sources
@@ -79,13 +79,6 @@ async def test_the_last_value_comes_with_its_age_none_before_there_is_one_and_an
         await wrong.latest()
 
 
-async def test_silence_is_an_error_where_a_limit_is_given(uav):
-    with pytest.raises(SilenceError, match=r"state/attitude has been silent for 0\.05 s"):
-        await anext(uav.state.attitude(silence=0.05))
-    with pytest.raises(SilenceError, match=r"state/attitude was not as wanted within 0\.05 s"):
-        await uav.state.attitude.until(lambda _: True, patience=0.05)
-
-
 @pytest.mark.parametrize("name", ["", "*", "a/b", "**"])
 async def test_a_name_within_a_key_is_one_part_of_it(uav, name):
     with pytest.raises(MkError, match="is not a part of a key"):
@@ -143,69 +136,6 @@ async def test_a_loop_subscribes_and_a_break_ends_the_subscription(daemon, uav):
     publishing.cancel()
 
 
-async def test_entering_subscribes_at_once_so_that_nothing_is_missed(daemon, uav):
-    async with uav.watch("state/attitude", "control/*") as samples:
-        await settle(uav)
-        await publish(daemon, 3)
-        daemon.say(daemon.phase, "nobody")
-        seen = [await anext(samples) for _ in range(4)]
-        assert [sample.suffix for sample in seen] == ["state/attitude"] * 3 + ["control/status"]
-
-
-async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once(uav):
-    uav.watch("mk/fake/state/attitude")
-    with pytest.raises(MkError, match="did you mean state/attitude"):
-        uav.watch("mk/fake/state/atitude")
-    with pytest.raises(MkError, match="'a//b' is not a key: empty chunks are forbidden"):
-        uav.watch("a//b")
-
-
-async def test_what_comes_together_wakes_the_loop_once_and_stays_in_order():
-    loop = asyncio.get_running_loop()
-    calls = []
-
-    class Counting:
-        def call_soon_threadsafe(self, call):
-            calls.append(call)
-            loop.call_soon(call)
-
-    handover, taken = watch_module.Handover(Counting()), []
-    for number in range(5):
-        handover.arrived(taken.append, number)
-    assert len(calls) == 1
-    await asyncio.sleep(0)
-    handover.arrived(taken.append, 5)
-    await asyncio.sleep(0)
-    assert taken == [0, 1, 2, 3, 4, 5]
-    assert len(calls) == 2
-
-
-@pytest.mark.parametrize(
-    "pattern",
-    ["state/attitude", "state/*", "**", "*", "*/status", "rx/nc/osd", "rx/*/osd", "tx/any/*", "rx/fc/unknown",
-     "vision/down/pose", "vision/*/stats", "setpoint/stick", "event/mission", "health", "tf"],
-)  # fmt: skip
-def test_patterns_of_keys_that_exist_are_known(pattern):
-    require_known(pattern)
-
-
-@pytest.mark.parametrize(
-    ("pattern", "nearest"),
-    [
-        ("state/atitude", "state/attitude"),
-        ("state/attitude/*", "state/attitude"),
-        ("rx/nc/ods", "rx/nc/osd"),
-        ("rx/fc/osd", "rx/nc/osd"),
-        ("control/staus", "control/status"),
-        ("vision/down/poses", "vision/*/pose"),
-    ],
-)
-def test_a_misspelt_pattern_names_the_nearest_key(pattern, nearest):
-    with pytest.raises(MkError, match=r"^no key matches") as told:
-        require_known(pattern)
-    assert f"did you mean {nearest}" in str(told.value)
-
-
 @pytest.mark.parametrize(
     ("pattern", "words"),
     [
@@ -220,14 +150,3 @@ def test_what_is_no_key_is_told_what_keys_there_are(pattern, words):
     with pytest.raises(MkError) as told:
         require_known(pattern)
     assert words in str(told.value)
-
-
-@pytest.mark.parametrize("pattern", ["do/lease", "cmd/fc/version_request", "schema/Attitude.v1", "alive", "xyzzy"])
-def test_what_is_asked_and_never_published_is_no_key_to_watch(pattern):
-    assert not is_known(pattern)
-
-
-def test_frames_are_known_by_board_and_message():
-    known = known_keys()
-    assert {"rx/nc/osd", "rx/fc/attitude", "tx/fc/settings_request", "rx/other/unknown"} <= set(known)
-    assert len(known) == len(set(known))

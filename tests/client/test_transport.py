@@ -16,7 +16,7 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.client import connect
 from mkdaemon.client.taskerrors import single_error
 from mkdaemon.config.bus import BusConfig
-from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.status import Status
 from tests.bus.support import free_endpoint
@@ -59,18 +59,6 @@ async def test_a_query_too_many_has_a_reason_and_a_remedy():
                 await client.get_all("more/**")
             answer = await client.command("do", "release")
     assert (answer.status, answer.token, bool(answer.fix)) == ("busy", "busy", True)
-
-
-async def fail(error):
-    raise error
-
-
-async def test_the_error_of_a_task_in_groups_of_groups_is_raised_alone():
-    with pytest.raises(ConfigError, match="no such key"), single_error():
-        async with asyncio.TaskGroup() as outer:
-            async with asyncio.TaskGroup() as inner:
-                inner.create_task(fail(ConfigError("no such key")))
-            outer.create_task(asyncio.sleep(0))
 
 
 def test_a_defect_keeps_its_group():

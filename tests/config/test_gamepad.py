@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -30,11 +29,6 @@ def read(folder: Path, text: str) -> Gamepad:
     return load_section(Gamepad, path)
 
 
-def test_mapping_with_defaults_is_read(tmp_path: Path) -> None:
-    pad = read(tmp_path, RIGHT)
-    assert (pad.mode, pad.pitch.rate, pad.buttons.fine) == (2, 30.0, None)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -58,12 +52,6 @@ def test_pad_without_axes_is_refused(tmp_path: Path) -> None:
         read(tmp_path, 'name = "Pad"\n[buttons]\nenable = "BTN_TL"\n')
 
 
-def test_missing_file_names_one_that_is_near(tmp_path: Path) -> None:
-    read(tmp_path, RIGHT)
-    with pytest.raises(ConfigError, match=r"did you mean .*pad.toml"):
-        load_section(Gamepad, tmp_path / "pat.toml")
-
-
 FILES = sorted((ROOT / "configs" / "gamepads").glob("*.toml"))
 
 
@@ -78,17 +66,3 @@ def test_mapping_is_right_and_names_controls_of_the_kernel(path: Path) -> None:
         assert name.removeprefix("-").rstrip("+-") in ecodes
     if path.stem != "transmitter":
         assert pad.buttons.release is not None
-
-
-def test_every_pad_has_one_mapping() -> None:
-    ids = Counter(id_ for path in FILES for id_ in load_section(Gamepad, path).ids)
-    assert ids
-    assert {id_: count for id_, count in ids.items() if count > 1} == {}
-
-
-@pytest.mark.parametrize(
-    "id_", ["045e:028e", "045e:0b12", "054c:09cc", "054c:0ce6", "046d:c21d", "046d:c216", "046d:c21f", "046d:c219",
-            "28de:1102", "28de:1205", "2dc8:6006"]
-)  # fmt: skip
-def test_common_pads_are_known(id_: str) -> None:
-    assert any(id_ in load_section(Gamepad, path).ids for path in FILES)

@@ -5,35 +5,12 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from mkdaemon.config.keys import keys_of
 from mkdaemon.config.layers import find_key, load_layers, values_of
 from mkdaemon.config.reader import load
 from mkdaemon.config.reload import plan_reload
-from mkdaemon.config.root import DaemonSections
 from mkdaemon.config.vision import TagPlacement
 from mkdaemon.errors import ConfigError
 from tests.places import CONFIGS
-
-
-def test_no_file_is_all_defaults():
-    cfg = load(None)
-    assert cfg.vehicle.name == "mk1"
-    assert cfg.bus.listen == ("tcp/127.0.0.1:7447",)
-    assert cfg.commands.allow_reset is False
-
-
-def test_overrides_lie_over_the_file(tmp_path):
-    path = tmp_path / "x.toml"
-    path.write_text('[link]\nport = "/dev/ttyUSB0"\nbaud = 57600\n', encoding="utf-8")
-    cfg = load(path, {"link.port": "tcp:host:1", "vehicle.name": "m2"})
-    assert (cfg.link.port, cfg.link.baud, cfg.vehicle.name) == ("tcp:host:1", 57600, "m2")
-
-
-def test_what_only_the_simulator_knows_is_left_to_it(tmp_path):
-    path = tmp_path / "x.toml"
-    path.write_text('[sim]\nboard = "fc"\n[sim.scene]\nno_such_key = 1\n', encoding="utf-8")
-    assert load(path).sim == {"board": "fc", "scene": {"no_such_key": 1}}
-
 
 MISTAKES = [
     ('[link]\nbaud = 57600\nprot = "x"\n', r'x\.toml:3: link\.prot: unknown key; did you mean "port"\?'),
@@ -154,13 +131,6 @@ def test_a_port_that_nothing_can_be_called_is_a_mistake_of_the_configuration(por
         load(None, {"link.port": port})
 
 
-@pytest.mark.parametrize(
-    "port", ["", "/dev/serial/by-id/usb-FTDI_ä", "tcp:[fe80::1%eth0]:2000", "tcp:bücher.example:1"]
-)
-def test_ports_as_they_are(port):
-    assert load(None, {"link.port": port}).link.port == port
-
-
 FILE = """[link]
 port = "/dev/ttyUSB0"
 baud = 19200
@@ -230,14 +200,6 @@ def test_a_mistake_of_the_environment_names_the_variable(environment, words):
         load_layers(None, {}, environment)
 
 
-def test_every_value_is_shown_once(path):
-    values = [f"{value.section}.{value.name}" for value in values_of(load_layers(path, {}, {}))]
-    assert len(values) == len(set(values))
-    every = {key.dotted for key in keys_of(DaemonSections) if not key.dotted.startswith("positions.")}
-    wanted = {dotted.replace("cameras.", "cameras.0.") for dotted in every}
-    assert wanted - set(values) == {f"cameras.0.mount.{name}" for name in ("position_flu", "looks", "rpy_deg")}
-
-
 def test_a_key_is_found_by_its_own_name_where_there_is_one_of_it():
     assert find_key("gap_ms").dotted == "link.gap_ms"
     with pytest.raises(ConfigError, match=r"neutral_band: no such key; did you mean control\.lease\.neutral_band or"):
@@ -269,8 +231,3 @@ def test_what_can_be_taken_up_is_and_the_rest_is_named():
         5.0,
     )
     assert (plan.cfg.link, plan.cfg.control, plan.cfg.cameras) == (running.link, running.control, ())
-
-
-def test_nothing_differs_from_itself():
-    plan = plan_reload(load(None), load(None))
-    assert (plan.taken, plan.waiting, plan.cfg) == ((), (), load(None))

@@ -5,23 +5,19 @@ from __future__ import annotations
 import random
 from contextlib import suppress
 
-import msgpack
 from foxglove import Context
 from foxglove.channel import Channel
 from pydantic import ValidationError
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
-from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.foxglove.exhibit import Exhibit
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.foxglove.topics import json_message
 from mkdaemon.gateways.ros2.gateway import Publishing
 from mkdaemon.gateways.ros2.messages import ConversionScene
 from mkdaemon.gateways.ros2.parameters import Pace
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest
 from mkdaemon.reading import Reading
-from mkdaemon.reading.diagnoses import diagnoses_of
 from mkdaemon.reading.known import MOST_CAMERAS
 from mkdaemon.telemetry.state import Position
 from tests import samples
@@ -93,14 +89,6 @@ async def test_mavlink_goes_on_beating(gateway, ears):
     assert ears.named("ATTITUDE")
 
 
-def test_every_screen_says_something_of_it():
-    reading = Reading()
-    for key, value in strange(COUNT, seed=4):
-        reading.take(key, value, 1000.0)
-        picture = reading.at(1000.5)
-        assert list(diagnoses_of(picture)) and picture.facts and picture.headline
-
-
 def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
     graph, reading = Node(), Reading()
     publishing = Publishing(graph, TOPICS, ConversionScene(BagTypes()), Newest(), Pace({}))
@@ -126,22 +114,6 @@ async def test_names_of_keys_that_strangers_make_up_are_forgotten():
         assert "event/1999" in exhibit._newest
     finally:
         await exhibit.close()
-
-
-def test_what_json_has_not_makes_no_message():
-    for odd in (float("nan"), float("inf"), msgpack.Timestamp(1, 2)):
-        assert json_message({"a": [odd]}) is None
-    assert json_message({"text": "NaN, Infinity", "raw": b"\xff\xfe", "age": 1.0, "none": None}) == (
-        b'{"text":"NaN, Infinity","raw":"//4="}'
-    )
-
-
-def test_a_fault_is_logged_once_for_each_place_and_kind():
-    faults = Faults("test")
-    for _ in range(3):
-        with faults.contained("here"):
-            raise OverflowError
-    assert faults.count == 3 and faults._logged == {("here", "OverflowError")}
 
 
 ODD = (

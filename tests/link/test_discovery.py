@@ -39,38 +39,6 @@ async def test_a_navictrl_is_found_its_streams_started_and_the_flightctrl_behind
         assert sent[begun:] == [TO_FLIGHTCTRL, ESCAPE, ESCAPE, TO_COMPASS, ESCAPE, ESCAPE]
 
 
-@on_line(navi_ctrl(pilot_plan="hover", pilot_wait=0.0))
-async def test_looking_behind_a_navictrl_waits_for_motors_known_off(r):
-    await asyncio.sleep(0.2)
-    running = any(int(s.frame.payload[67]) & 1 for s in r.log.rx if s.frame.id == "O")
-    redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
-    assert redirects == [] or not running
-
-
-@virtually
-async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
-    """Three questions lost in a row, as in a burst of a bad radio, do not leave the aircraft read-only for ever."""
-    async with rig(navi_ctrl()) as r:
-        passed_on, lost = r.socket.aircraft.write, []
-
-        def write(data: bytes, at: float) -> None:
-            if b"#bv" in data and len(lost) < 6:
-                lost.append(at)
-            else:
-                passed_on(data, at)
-
-        r.socket.aircraft.write = write
-        await r.until(lambda: len(lost) == 6, 10)
-        assert r.link.lacks_flightctrl
-        assert r.link.dialect.read_only_reason is not None
-        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
-        assert await wait_for_discovery(r.link)
-        redirects = [s for s in r.log.tx if s.message == TO_FLIGHTCTRL]
-        assert [later.at - at.at > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
-        await asyncio.sleep(LOOK_AGAIN[2] + 3)  # when the next look would have come
-        assert len([s for s in r.log.tx if s.message == TO_FLIGHTCTRL]) == 3
-
-
 def drop(rig, what, times):
     """Lose so many portions with these bytes on their way to the boards; returns what was lost."""
     passed_on, lost = rig.socket.aircraft.write, []
@@ -98,7 +66,7 @@ async def test_a_line_with_one_damaged_byte_in_a_hundred_does_not_ask_the_boards
     r.socket.port.fault, r.socket.port.amount = LineFault.BIT_FLIPS, 0.01
     await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)
     loop = asyncio.get_running_loop()
-    end = loop.time() + 30.0
+    end = loop.time() + 12.0
     while loop.time() < end:
         await asyncio.sleep(0.05)
         assert r.link.dialect.read_only_reason is None

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mkdaemon.link.session.evidence import (
     CAPACITY,
@@ -14,7 +12,6 @@ from mkdaemon.link.session.evidence import (
     Arrivals,
     ReceivedBytes,
     RoundTrips,
-    percentile,
 )
 from mkdaemon.protocol.framing import DropReason
 
@@ -46,29 +43,6 @@ def test_a_stream_never_heard_is_overdue_from_when_it_was_asked_for():
     assert (health.frames, health.rate, health.is_stale, health.age) == (0, 0.0, True, 1e9)
 
 
-def test_what_nobody_asked_for_is_never_missed():
-    arrivals = Arrivals()
-    arrivals.received("fc", "debug", 1.0)
-    assert arrivals.overdue(100.0) == []
-    assert not arrivals.are_on_time(1.0)
-    assert arrivals.health(100.0, 10.0)[0].asked_rate is None
-
-
-def test_streams_of_another_board_stay_wanted():
-    arrivals = stream(0.1)
-    arrivals.wanted("fc", {"debug": 0.5}, 10.0)
-    assert {kind.key for kind in arrivals.asked} == {"osd", "debug"}
-    arrivals.wanted("nc", {}, 10.0)
-    assert {kind.key for kind in arrivals.asked} == {"debug"}
-
-
-def test_a_stream_that_stopped_does_not_keep_its_rate():
-    arrivals = stream(0.1)
-    assert arrivals.health(10.0, 10.0)[0].rate == pytest.approx(10.0, rel=0.01)
-    assert arrivals.health(15.0, 10.0)[0].rate < 6.0
-    assert arrivals.health(21.0, 10.0)[0].rate == 0.0
-
-
 def test_rates_and_share_are_over_the_window_and_damage_of_an_outage_can_be_forgotten():
     received = ReceivedBytes(window=10.0)
     received.frame(90, 1.0)
@@ -93,15 +67,6 @@ def test_the_share_is_of_what_is_remembered():
     for _ in range(2000):
         received.damaged(DropReason.LENGTH, bytes(3), 1.0, keep_text=False)
     assert received.share(1.0) == (3 * 1024, 3 * 2000 + 2 * (4096 - 2000))
-
-
-def test_what_arrived_is_counted_whether_it_is_a_frame_or_not():
-    received = ReceivedBytes(window=10.0)
-    received.arrived(5, 1.0)
-    received.arrived(7, 2.0)
-    assert (received.arrived_since(1.0), received.arrived_since(0.0)) == (7, 12)
-    received.clear()
-    assert received.arrived_since(0.0) == 0
 
 
 TEXT, CHECKSUM = DropReason.TEXT, DropReason.CHECKSUM
@@ -138,30 +103,6 @@ def test_percentiles_mean_and_last():
     assert found == pytest.approx((51, 96, 100, 100))
     assert stats.mean_ms is not None
     assert 90 < stats.mean_ms < 95
-
-
-def test_loss_counts_within_the_window_only():
-    trips = RoundTrips(window=10.0, timeout=0.25)
-    trips.sent("a", 0.0)
-    trips.sent("b", 0.1)
-    assert (trips.began("b"), trips.began("c"), trips.before(0.1)) == (0.1, None, [("a", 0.0)])
-    assert trips.tally.fates().waiting == 2
-    assert [trips.expire(now) for now in (0.2, 0.3)] == [0, 1]
-    trips.answered("b", 0.2)
-    stats = trips.statistics(0.3)
-    assert (stats.sent, stats.lost, stats.loss_percent) == (2, 1, 50.0)
-    assert (trips.statistics(20.0).sent, trips.statistics(20.0).loss_percent) == (0, 0.0)
-
-
-def test_late_double_and_stray_answers_are_told_apart():
-    trips = RoundTrips(window=10.0, timeout=0.25)
-    trips.sent("a", 0.0)
-    trips.expire(0.3)
-    assert trips.answered("a", 0.4) is None
-    assert trips.answered("a", 0.5) is None
-    assert trips.answered("never sent", 0.5) is None
-    stats = trips.statistics(0.5)
-    assert (stats.late, stats.duplicate, stats.lost) == (1, 2, 1)
 
 
 def test_what_stays_unanswered_is_counted_with_its_reason_and_blames_the_line_only_for_what_it_lost():
@@ -206,26 +147,6 @@ def test_answers_without_a_token_belong_to_the_newest_that_can_be_back(answers_a
     assert trips.tally.unanswered == 3 - len(answers_at)
 
 
-def test_forgiving_keeps_the_counts_and_the_round_trips():
-    trips = RoundTrips(window=10.0, timeout=0.25)
-    trips.sent("lost", 0.0)
-    trips.expire(0.3)
-    trips.sent("good", 0.4)
-    trips.answered("good", 0.41)
-    trips.sent("under way", 0.5)
-    trips.forgive(0.6)
-    assert trips.losses(0.6) == (1, 0)
-    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
-    trips.sent("lost, too", 0.6)
-    trips.answered("under way", 0.65)
-    assert trips.expire(0.9) == 1
-    assert trips.losses(0.9) == (2, 0)
-    assert trips.tally.fates().outage == 1
-    trips.answered("lost, too", 0.95)
-    assert trips.statistics(0.95).late == 1
-    assert trips.tally.fates().outage == 0
-
-
 def test_memory_is_bounded():
     trips = RoundTrips(window=1e9, timeout=0.25)
     for number in range(CAPACITY + 50):
@@ -235,12 +156,3 @@ def test_memory_is_bounded():
         else:
             trips.expire(number + 0.3)
     assert trips.losses(0.0) == (CAPACITY, CAPACITY // 2)
-
-
-@given(st.lists(st.floats(0, 1), min_size=1), st.floats(0, 1))
-def test_percentile_is_one_of_the_values(values, share):
-    values.sort()
-    found = percentile(values, share)
-    assert found in values
-    assert sum(value < found for value in values) <= share * len(values)
-    assert percentile([], share) is None

@@ -41,7 +41,7 @@ def valid_frames(r: Rig, since: float) -> list[float]:
     return [s.at for s in frames if int(s.message.config) & 1]
 
 
-@pytest.mark.parametrize(("word", "seed"), [(word, seed) for seed, word in enumerate(LAYOUTS, 1)])
+@pytest.mark.parametrize(("word", "seed"), [("early", 1), ("2.12a", 3)])
 @virtually
 async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(word, seed):
     loop = asyncio.get_running_loop()
@@ -68,7 +68,7 @@ async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(w
         assert any("boots" in state.reason for state in r.log.states)
 
 
-@pytest.mark.parametrize(("front", "word"), [*((None, word) for word in LAYOUTS), ("0.24", "2.08"), ("0.24", "2.12a")])
+@pytest.mark.parametrize(("front", "word"), [(None, "2.08"), (None, "2.14"), ("0.24", "2.12a")])
 @virtually
 async def test_the_first_frames_of_a_program_that_restarts_in_flight_clear_the_control(word, front):
     make = flight_ctrl(word, **SIM) if front is None else navi_ctrl(front, word, **SIM)
@@ -168,16 +168,6 @@ def valid_sticks(r):
     return [message for message in frames if int(message.config) & 1]
 
 
-async def steer(r, seconds):
-    """Stream sticks in whatever layout the link takes."""
-    for _ in range(int(seconds / 0.025)):
-        layout = r.link.dialect.extern_control
-        if layout is not None:
-            deadline = asyncio.get_running_loop().time() + 0.1
-            r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
-        await asyncio.sleep(0.025)
-
-
 async def silence(r, seconds):
     r.socket.port.inject(LineFault.SILENCE)
     await asyncio.sleep(seconds)
@@ -192,7 +182,7 @@ async def reopen(r):
     await r.until(lambda: r.link.offered_memory() is not None, 5)
 
 
-@pytest.mark.parametrize(("nc", "word"), [("0.24", "2.12a"), ("0.24", "2.08"), ("2.14", "2.14")])
+@pytest.mark.parametrize(("nc", "word"), [("0.24", "2.08"), ("2.14", "2.14")])
 @virtually
 async def test_after_a_radio_gap_in_flight_the_flightctrl_is_known_again_without_asking(nc, word):
     async with flying(word, nc) as r:
@@ -202,7 +192,7 @@ async def test_after_a_radio_gap_in_flight_the_flightctrl_is_known_again_without
         await r.until(lambda: any("read only" in state.firmware for state in r.log.states[before:]), 2)
         await r.until(lambda: r.link.dialect.extern_control is layout, 2)
         assert "u" not in letters(r)
-        await steer(r, 1.5)
+        await stream(r, 1.5)
         assert {type(message) for message in valid_sticks(r)} == {layout}
 
 
@@ -219,7 +209,7 @@ async def test_another_aircraft_after_a_gap_is_not_taken_for_the_one_before(is_f
         r.socket.port.inject(LineFault.NONE)
         await r.until(lambda: r.link.dialect.fc_release is None, 2)
         r.log.tx.clear()
-        await steer(r, 5.0)
+        await stream(r, 5.0)
         assert {type(message) for message in valid_sticks(r)} <= {ExternControlV1}
         assert (r.link.dialect.extern_control is None) is is_flying
         assert r.link.flight_memory is None
@@ -229,11 +219,11 @@ async def test_another_aircraft_after_a_gap_is_not_taken_for_the_one_before(is_f
 async def test_after_another_opening_in_flight_a_client_must_confirm():
     async with flying() as r:
         await reopen(r)
-        await steer(r, 3.0)
+        await stream(r, 3.0)
         assert r.link.dialect.extern_control is None
         assert valid_sticks(r) == []
         assert r.link.confirm_memory().firmware == "2.12a"
-        await steer(r, 2.0)
+        await stream(r, 2.0)
         assert {type(message) for message in valid_sticks(r)} == {ExternControlV2}
         assert r.link.offered_memory() is None
 
@@ -247,7 +237,7 @@ async def test_what_an_earlier_process_knew_of_another_flight_is_not_offered():
         take_off(r)
         r.link.recall_flight(memory)
         await r.until_up()
-        await steer(r, 5.0)
+        await stream(r, 5.0)
         assert r.link.offered_memory() is None
         assert valid_sticks(r) == []
         with pytest.raises(CommandRejectedError) as refused:
@@ -268,11 +258,11 @@ async def test_an_offer_ends_with_the_flight():
 @virtually
 async def test_a_flightctrl_that_boots_behind_its_navictrl_is_asked_before_the_next_stick_frame():
     async with flying("2.08") as r:
-        await steer(r, 1.0)
+        await stream(r, 1.0)
         r.log.tx.clear()
         began = asyncio.get_running_loop().time()
         r.socket.aircraft.world.faults.start("fc_reboot")
-        await steer(r, 14.0)
+        await stream(r, 14.0)
         sent = [frame for frame in r.log.tx if frame.message is not None]
         asked = next(frame.at for frame in sent if frame.message.spec.id == "u")
         steered = [frame.at for frame in sent if frame.message.spec.id == "b" and int(frame.message.config)]

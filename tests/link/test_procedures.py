@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from lab.rigs.boardport import Socket
-from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, on_line, rig, virtually
-from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError, RequestTimeoutError
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+from mkdaemon.errors import CommandRejectedError, ProtocolError
 from mkdaemon.link import labels
 from mkdaemon.link.labels import LABELS, LabelCache, cache_key, read_labels
 from mkdaemon.link.procedures import BUSY_WAIT, SilentObserver, run_procedure
 from mkdaemon.protocol.dialect import Dialect, Release
-from mkdaemon.protocol.flags import RedirectPort
-from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten, VersionRequest
-from mkdaemon.protocol.messages.navictrl import Redirect
+from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten
 from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
 from mkdaemon.protocol.procedures.settings_slots import backup_settings
 from mkdaemon.protocol.procedures.steps import Ask
@@ -53,20 +50,6 @@ class Notes(SilentObserver):
             raise CommandRejectedError("motors_running", "motors are running.", "Stop them.")
 
 
-class Proving(Notes):
-    """Lets a request pass once the board itself has answered."""
-
-    def __init__(self, link) -> None:
-        super().__init__()
-        self._link = link
-
-    async def prove(self, board, message) -> None:
-        with suppress(RequestTimeoutError):
-            await self._link.request(VersionRequest(), board=board)
-        if not self._link.is_proven(board):
-            raise CommandRejectedError("board_unproven", "another board answered.", "Look who is there.")
-
-
 def make_sets_differ(socket: Socket) -> None:
     """The factory's sets 3 to 5 are equal."""
     eeprom = socket.aircraft.flight.eeprom
@@ -79,41 +62,6 @@ async def ready(r: Rig) -> None:
     await r.until_up()
     await r.until(lambda: not r.link.lacks_flightctrl and r.link.dialect.fc_release is not None, 10)
     make_sets_differ(r.socket)
-
-
-@virtually
-async def test_a_redirection_that_the_line_lost_is_sent_again():
-    async with rig(navi_ctrl()) as r:
-        await ready(r)
-        passed_on, seen = r.socket.aircraft.write, []
-
-        def write(data: bytes, at: float) -> None:
-            """Lose every fifth redirection to the FlightCtrl."""
-            is_redirection = data == Redirect(port=RedirectPort.FC).to_frame()
-            seen.extend([at] if is_redirection else [])
-            if not is_redirection or len(seen) % 5:
-                passed_on(data, at)
-
-        r.socket.aircraft.write = write
-        live = r.socket.aircraft.flight.live.raw
-        await run_procedure(r.link, backup_settings(PATIENCE), Proving(r.link))
-        assert len(seen) > 5
-        assert r.socket.aircraft.flight.live.raw == live
-
-
-@virtually
-async def test_a_second_cancellation_ends_a_procedure_where_it_stands():
-    async with rig(flight_ctrl()) as r:
-        await ready(r)
-        notes = Notes()
-        task = asyncio.create_task(run_procedure(r.link, backup_settings(PATIENCE), notes))
-        await notes.reading.wait()
-        task.cancel()
-        await asyncio.sleep(0)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        assert notes.steps[-1] != "live set proven"
 
 
 @virtually
@@ -148,16 +96,6 @@ async def test_who_keeps_no_note_cannot_put_the_live_set_at_risk():
         with pytest.raises(ProtocolError, match="no note exists"):
             await run_procedure(r.link, backup_settings(PATIENCE), SilentObserver())
         assert flight.live.raw == flight.eeprom.sets[3]
-
-
-@virtually
-async def test_without_a_port_a_procedure_fails_at_once():
-    async with rig(flight_ctrl()) as r:
-        await ready(r)
-        r.socket.unplug()
-        await r.until(lambda: r.condition != "up", 5)
-        with pytest.raises(LinkLostError):
-            await run_procedure(r.link, backup_settings(PATIENCE), Notes())
 
 
 class Crowded:
@@ -223,14 +161,6 @@ async def test_labels_are_read_once_and_kept(make, board, tmp_path):
         assert asked(r) == 0
 
 
-@on_line(navi_ctrl(), rates={"osd": 100, "attitude": 50}, echo_hz=10)
-async def test_reading_labels_delays_nothing_else(r):
-    await read_labels(r.link, Board.NC, LabelCache(None), SilentObserver())
-    health = r.link.health()
-    assert health.echo.lost == 0
-    assert not any(kind.is_stale for kind in health.kinds)
-
-
 def test_the_key_is_board_release_and_checksum():
     fc = Dialect(fc_release=Release(2, 12, 0), nc_release=Release(0, 24, 0), label_checksum=0xBA)
     assert cache_key(Board.FC, fc) == "fc 2.12a 0xba"
@@ -247,13 +177,6 @@ def test_a_broken_file_is_an_empty_cache(content: str, tmp_path: Path):
     assert cache.find("fc 2.12a") is None
     cache.keep("fc 2.12a", NAMES)
     assert LabelCache(path).find("fc 2.12a") == NAMES
-
-
-def test_a_file_that_cannot_be_written_is_no_failure(tmp_path: Path):
-    (tmp_path / "file").write_text("")
-    cache = LabelCache(tmp_path / "file" / "labels.json")
-    cache.keep("fc", NAMES)
-    assert cache.find("fc") == NAMES
 
 
 async def test_labels_of_a_board_whose_firmware_is_unknown_are_not_kept(monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import pytest
@@ -12,7 +11,6 @@ from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.questions import (
-    LATE_WINDOW,
     Pending,
     QuestionAnswered,
     Questions,
@@ -37,7 +35,7 @@ from mkdaemon.protocol.messages import (
     VersionRequest,
     VersionRequestWhich,
 )
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Board, WireMessage
 
 DEBUG = DebugDataNc(status_green=0, status_red=0, analog=(0,) * 32)
 
@@ -99,17 +97,6 @@ def ask(book: RequestBook, index: int, now: float, retries: int = 1) -> Pending:
     return pending
 
 
-def test_a_question_not_sent_yet_is_not_answered():
-    book = RequestBook()
-    pending = Pending(LabelRequest(index=1), Board.NC, 1, 0.3, None)
-    book.open(pending)
-    assert book.received(label(1), Board.NC, 0.1) is None
-    assert book.next_time() == math.inf
-    book.withdraw(pending, 0.2)
-    assert book.received(label(1), Board.NC, 0.3) is None
-    assert (book.tally.late, book.duplicate) == (0, 0)
-
-
 def test_late_and_double_answers_are_counted_once():
     book = RequestBook()
     given_up, answered = ask(book, 1, 0.0), ask(book, 2, 0.0)
@@ -123,25 +110,6 @@ def test_late_and_double_answers_are_counted_once():
     assert book.received(label(2), Board.NC, 0.5) is None
     assert book.received(label(2), Board.NC, 0.6) is None
     assert book.duplicate == 1
-
-
-def test_an_old_question_is_forgotten_and_one_answer_to_one_sending_is_no_double():
-    book = RequestBook()
-    book.give_up(ask(book, 1, 0.0), 0.3)
-    book.received(label(1), Board.NC, 1.0 + LATE_WINDOW)
-    assert book.tally.late == 0
-    ask(book, 1, 10.0)
-    book.received(label(1), Board.NC, 10.1)
-    book.received(label(1), Board.NC, 10.2)  # somebody else's question
-    assert book.duplicate == 0
-
-
-def test_every_request_of_the_table_has_a_policy():
-    for (board, _, _), cls in MESSAGES.items():
-        if cls.spec.direction is Direction.TO_BOARD:
-            policy = cls.spec.policy(board)
-            assert 0.1 <= policy.timeout <= 3
-            assert 0 <= policy.retries <= 5
 
 
 class Bench:

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 
 from mkdaemon.link.session.line import FC_GAP, FORWARDING_GAP, RESYNC, LineRules
 from mkdaemon.link.session.scheduler import (
-    BETWEEN,
     CATCH_UP,
     CREEP,
-    QUEUE_LIMIT,
     RESYNC_AFTER,
     QueuedTransmission,
     TransmitScheduler,
@@ -24,7 +22,6 @@ from mkdaemon.protocol.wire import Board
 
 FC = LineRules(direct=Board.FC)
 NC = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP)
-QUICK = LineRules(direct=Board.FC, gap=0.005)
 NOBODY_YET = LineRules()
 
 
@@ -62,15 +59,6 @@ def test_order_is_release_setpoint_retry_request_subscription_echo_background(sc
     for purpose in reversed(Purpose):
         scheduler.submit(entry(purpose), 0.0)
     assert [item.purpose for _, item in sent_until(scheduler, 1.0)] == list(Purpose)
-
-
-def test_a_navictrl_needs_no_gap_but_frames_never_overlap():
-    scheduler = TransmitScheduler(NC)
-    for number in range(5):
-        scheduler.submit(entry(Purpose.REQUEST, board=Board.NC, number=number), 0.0)
-    sent = sent_until(scheduler, 1.0)
-    gaps = [later - (at + NC.wire_time(item.raw)) for (at, item), (later, _) in itertools.pairwise(sent)]
-    assert all(-1e-9 <= gap < 1e-4 for gap in gaps)
 
 
 def test_forwarded_setpoints_keep_forty_hertz():
@@ -139,28 +127,6 @@ def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_ret
     assert [raw.startswith(RESYNC + b"#") for raw in raws] == [True, False, True, True]
 
 
-def test_bytes_that_are_no_frame_get_no_prefix(scheduler):
-    scheduler.submit(QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1.0, Board.NC), 0.0)
-    taken = scheduler.take(0.0)
-    assert taken is not None
-    assert taken.raw == b"\x1b\x1b\x55\xaa\x00"
-
-
-def test_a_full_queue_refuses(scheduler):
-    assert all(scheduler.submit(entry(Purpose.BACKGROUND), 0.0) for _ in range(QUEUE_LIMIT))
-    assert not scheduler.submit(entry(Purpose.BACKGROUND), 0.0)
-    assert scheduler.waiting == QUEUE_LIMIT
-
-
-def test_withdrawn_entries_do_not_leave(scheduler):
-    kept, gone = entry(Purpose.REQUEST, number=1, tag="kept"), entry(Purpose.REQUEST, number=2, tag="gone")
-    scheduler.submit(kept, 0.0)
-    scheduler.submit(gone, 0.0)
-    scheduler.withdraw("gone")
-    scheduler.withdraw("gone")
-    assert [item for _, item in sent_until(scheduler, 1.0)] == [kept]
-
-
 def test_a_deaf_board_gets_releases_only(scheduler):
     scheduler.deafen(Board.FC, 1.3)
     scheduler.deafen(Board.FC, 0.5)
@@ -205,16 +171,6 @@ def test_while_redirected_only_that_board_is_spoken_to():
     assert scheduler.take(1.1) is there
 
 
-def test_clearing_forgets_everything_and_gives_it_back(scheduler):
-    items = [entry(Purpose.REQUEST), entry(Purpose.SETPOINT)]
-    for item in items:
-        scheduler.submit(item, 0.0)
-    scheduler.deafen(Board.FC, 9.0)
-    assert set(map(id, scheduler.clear())) == set(map(id, items))
-    scheduler.submit(entry(Purpose.REQUEST), 0.1)
-    assert scheduler.take(0.1) is not None
-
-
 def steady(scheduler: TransmitScheduler, period: float, count: int, others: float) -> list[float]:
     """Feed setpoints at a steady rate beside requests every `others` seconds; returns each setpoint's wait [s]."""
     waits, due = [], 0.0
@@ -237,25 +193,6 @@ def test_at_fifty_hertz_no_setpoint_waits_for_another_frame(rules: LineRules):
     assert max(waits[3:]) < 0.001
 
 
-def test_at_a_hundred_hertz_other_frames_still_get_their_turn():
-    scheduler = TransmitScheduler(QUICK)
-    waits = steady(scheduler, 0.01, 600, 0.2)
-    assert scheduler.waiting <= 2
-    assert sorted(waits)[len(waits) // 2] < 0.001
-    assert max(waits) < 0.0075  # one echo, its gap, and nothing else
-
-
-def test_setpoints_that_were_late_once_do_not_stay_late():
-    scheduler, waits = TransmitScheduler(QUICK), []
-    scheduler.deafen(Board.FC, 0.026)
-    for step in range(60):
-        now = step * 0.01
-        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1, deadline=now + 0.1), now)
-        waits += [at - item.queued for at, item in sent_until(scheduler, now + 0.0099, now=now)]
-    assert max(waits[:3]) > 0.005
-    assert max(waits[-20:]) < 0.001
-
-
 def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
     scheduler = TransmitScheduler(NC)
     for step in range(3):
@@ -264,17 +201,6 @@ def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
     scheduler.submit(entry(Purpose.SUBSCRIPTION, board=Board.NC), 0.0245)
     sent = sent_until(scheduler, 0.1, now=0.0245)
     assert [item.purpose for _, item in sent] == [Purpose.SETPOINT, Purpose.SUBSCRIPTION]
-
-
-def test_when_setpoints_stop_nothing_is_held_back(scheduler):
-    steady(scheduler, 0.02, 10, 9.0)
-    assert scheduler.setpoint_period == pytest.approx(0.02)
-    scheduler.submit(entry(Purpose.REQUEST), 0.5)
-    assert scheduler.take(0.5) is not None
-    scheduler.submit(entry(Purpose.SETPOINT), 1.0)
-    assert scheduler.setpoint_period is None
-    scheduler.drop_setpoint()
-    assert scheduler.take(1.1) is None
 
 
 def flown(
@@ -328,22 +254,6 @@ def test_a_setpoint_waits_for_a_request_unless_that_held_up_the_next_one(period,
     assert max(waits) <= max(alone_waits) + 0.0085
     asked = [at - item.queued for at, item in beside if item.purpose is Purpose.REQUEST]
     assert max(asked) <= max(FC_GAP, distance) + 0.005
-
-
-def test_by_cable_no_request_replaces_a_setpoint_whenever_it_is_asked():
-    asks = [0.3 + 0.1013 * step for step in range(16)]  # every phase between two setpoints
-    beside = flown(1 / 44, 0.0, asks)
-    waits = [at - item.queued for at, item in beside if item.purpose is Purpose.SETPOINT]
-    assert len(waits) == len(flown(1 / 44, 0.0, []))
-    assert max(waits) < 0.0085
-    assert max(at - item.queued for at, item in beside if item.purpose is Purpose.REQUEST) < 0.045
-
-
-def test_requests_leave_setpoints_between_them():
-    sent = [item.purpose for _, item in flown(1 / 44, 0.035, [0.5] * 6)]
-    first = sent.index(Purpose.REQUEST)
-    runs = [len(list(group)) for kind, group in itertools.groupby(sent[first:]) if kind is Purpose.SETPOINT]
-    assert min(runs) >= BETWEEN
 
 
 def test_a_setpoint_that_no_newer_one_replaces_leaves_after_the_request():

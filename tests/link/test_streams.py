@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import random
 
 import pytest
 from hypothesis import given
@@ -17,7 +16,6 @@ from mkdaemon.link.session.budget import Demand, best_mix, check, plan
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.renewal import (
     ONCE_IN,
-    PRIOR_FIRST,
     SHORTEST,
     TIME_TO_LIVE,
     HeardShare,
@@ -26,7 +24,7 @@ from mkdaemon.link.session.renewal import (
 )
 from mkdaemon.link.session.streamkinds import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, kind_of, round_up_interval
 from mkdaemon.link.session.streams import ASK_AGAIN, ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
-from mkdaemon.protocol.messages import AttitudeRequest, DebugRequest, OsdRequestV1
+from mkdaemon.protocol.messages import AttitudeRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
 
@@ -49,14 +47,6 @@ def subscriptions():
     return Subscriptions(Board.NC, HeardShare())
 
 
-def test_wanted_streams_are_asked_for_at_once_and_once(subscriptions):
-    subscriptions.want("osd", 0.1)
-    subscriptions.want("debug", 0.2)
-    assert subscriptions.next_time() == -math.inf
-    assert subscriptions.due(0.0) == [OsdRequestV1(interval=10), DebugRequest(interval=20)]
-    assert subscriptions.due(0.01) == []
-
-
 def test_the_renewal_is_a_kind_nobody_wants_because_interval_0_costs_no_frame():
     subscriptions = Subscriptions(Board.NC, HeardShare(), renew=1.5)
     subscriptions.want("osd", 0.1)
@@ -68,31 +58,6 @@ def test_the_renewal_is_a_kind_nobody_wants_because_interval_0_costs_no_frame():
     assert min(gaps) == pytest.approx(subscriptions.renewal, abs=0.011)
 
 
-def test_where_all_are_wanted_the_shortest_frame_renews(subscriptions):
-    for key in ("osd", "debug", "attitude"):
-        subscriptions.want(key, 0.1)
-    asked = requests_until(subscriptions, 4.0)
-    assert {message for _, message in asked[3:]} == {AttitudeRequest(interval=10)}
-
-
-def test_a_display_request_is_no_renewal_because_it_answers_at_once():
-    subscriptions = Subscriptions(Board.FC, HeardShare())
-    subscriptions.want("attitude", 0.1)
-    subscriptions.want("debug", 0.1)
-    assert all(message.spec.id != "h" for _, message in requests_until(subscriptions, 5.0))
-
-
-def test_only_a_changed_rate_is_asked_for_again(subscriptions):
-    subscriptions.want("osd", 0.1)
-    subscriptions.want("debug", 0.1)
-    subscriptions.due(0.0)
-    subscriptions.want("osd", 0.1)
-    flow(subscriptions, 0.1)
-    assert subscriptions.due(0.1) == []
-    subscriptions.want("osd", 0.2)
-    assert subscriptions.due(0.2) == [OsdRequestV1(interval=20)]
-
-
 def test_ending_a_stream_stops_it_and_keeps_the_others(subscriptions):
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.1)
@@ -102,11 +67,6 @@ def test_ending_a_stream_stops_it_and_keeps_the_others(subscriptions):
     assert subscriptions.next_time() == -math.inf
     assert subscriptions.due(0.1) == [OsdRequestV1(interval=0)]
     assert subscriptions.wanted == {"debug": 0.1}
-
-
-def test_without_wishes_nothing_is_sent(subscriptions):
-    assert subscriptions.next_time() == math.inf
-    assert subscriptions.due(100.0) == []
 
 
 def test_a_stream_that_does_not_come_is_asked_for_again(subscriptions):
@@ -147,28 +107,6 @@ def test_a_stream_that_flight_does_not_need_is_asked_for_more_and_more_rarely():
     assert max(gaps) == pytest.approx(ASK_RARELY, abs=0.01)
 
 
-def test_the_attitude_is_asked_for_first():
-    subscriptions = Subscriptions(Board.FC, HeardShare())
-    for key in ("debug", "attitude"):
-        subscriptions.want(key, 0.1)
-    assert [message.spec.id for message in subscriptions.due(0.0)] == ["c", "d"]
-
-
-def test_after_a_reboot_everything_is_asked_for_again(subscriptions):
-    subscriptions.want("osd", 0.1)
-    requests_until(subscriptions, 3.0)
-    subscriptions.forget()
-    assert subscriptions.due(3.0) == [OsdRequestV1(interval=10)]
-
-
-@pytest.mark.parametrize(
-    ("wish", "ticks"), [(0.001, 2), (0.02, 2), (0.025, 3), (0.1, 10), (0.1049, 11), (0.29, 29), (9.0, 255)]
-)
-def test_intervals_are_what_the_board_can_count(subscriptions, wish, ticks):
-    subscriptions.want("osd", wish)
-    assert subscriptions.due(0.0) == [OsdRequestV1(interval=ticks)]
-
-
 def test_a_stream_a_board_does_not_have_is_refused_with_those_it_has():
     with pytest.raises(CommandRejectedError) as caught:
         Subscriptions(Board.FC, HeardShare()).want("osd", 0.1)
@@ -176,12 +114,6 @@ def test_a_stream_a_board_does_not_have_is_refused_with_those_it_has():
     assert "attitude" in caught.value.fix
     with pytest.raises(CommandRejectedError):
         kind_of("nonsense", Board.ANY)
-
-
-def test_each_stream_can_be_asked_for_of_each_board_that_has_it():
-    for kind in KINDS.values():
-        for board in kind.boards:
-            assert kind.ask(0.1).to_frame(board).startswith(b"#")
 
 
 def test_a_stream_is_ended_once_and_only_on_a_board_that_has_it(subscriptions):
@@ -280,13 +212,6 @@ def test_two_fast_streams_are_refused_with_the_arithmetic_and_the_advice_fits():
     check(Demand({key: interval * 2.25 for key, interval in wanted.items()}, echo_hz=5), NC, limit=0.85)
 
 
-def test_one_stream_is_singular_and_echoes_are_named():
-    with pytest.raises(CommandRejectedError, match=r"O at 20 ms \+ echoes and confirmations \(9 %\) need 111 %"):
-        check(Demand({"osd": 0.02}, echo_hz=50), NC, limit=0.85)
-    with pytest.raises(CommandRejectedError, match="O at 20 ms needs 102 %"):
-        check(Demand({"osd": 0.02}), NC, limit=0.85)
-
-
 def test_setpoints_that_do_not_fit_are_refused():
     with pytest.raises(CommandRejectedError, match="towards the board"):
         check(Demand({"attitude": 0.05}, echo_hz=5, setpoint_hz=130), FC, limit=0.85)
@@ -314,13 +239,6 @@ def test_the_automatic_mix_fits_and_nothing_better_does(board, rules, limit):
     assert set(mix) == {key for key, kind in KINDS.items() if board in kind.boards and key != "display"}
 
 
-def test_the_automatic_mix_lets_every_frame_through():
-    """A stream faster than all kinds together take would be overtaken by its own next frame."""
-    mix = best_mix(Board.NC, NC, limit=0.85)
-    assert min(mix.values()) >= NC.reply_time(118 + 94 + 26)
-    assert mix["attitude"] <= mix["osd"] <= mix["debug"]
-
-
 FATES = st.lists(st.booleans(), max_size=400)
 
 
@@ -329,15 +247,6 @@ def share_of(fates) -> HeardShare:
     for is_answered in fates:
         share.note(is_answered=is_answered)
     return share
-
-
-def fates_in_bursts(first: float, after_a_loss: float, count: int) -> list[bool]:
-    """Whether each of some requests is heard, where a loss makes the next one more likely."""
-    rng, fates, is_lost = random.Random(1), [], False
-    for _ in range(count):
-        is_lost = rng.random() < (after_a_loss if is_lost else first)
-        fates.append(not is_lost)
-    return fates
 
 
 @given(fates=FATES, longest=st.floats(0.5, 2.0))
@@ -350,37 +259,3 @@ def test_streams_run_out_less_than_once_in_a_hundred_hours_or_renewals_come_as_o
         fewer = int(TIME_TO_LIVE / interval + 1e-9) - 1
         rarer = min(TIME_TO_LIVE / fewer, longest)
         assert rarer == interval or time_between_ends(rarer, share) < ONCE_IN or interval == SHORTEST
-
-
-@pytest.mark.parametrize(("first", "after", "interval"), [(0.3, 0.5, 0.5), (0.2, 0.6, 0.8), (0.5, 0.5, 1.0)])
-def test_the_time_until_streams_run_out_is_that_of_losses_played_out(first, after, interval):
-    share = HeardShare()
-    share._first, share._next = [1e9 * first, 1e9 * (1 - first)], [1e9 * after, 1e9 * (1 - after)]
-    in_a_row, ends, run = int(TIME_TO_LIVE / interval + 1e-9), 0, 0
-    fates = fates_in_bursts(first, after, 400_000)
-    for is_heard in fates:
-        run = 0 if is_heard else run + 1
-        ends += run == in_a_row
-    assert time_between_ends(interval, share) == pytest.approx(len(fates) * interval / ends, rel=0.15)
-
-
-def test_losses_in_bursts_ask_for_more_renewals_than_as_many_single_ones():
-    apart, in_bursts = share_of(([True] * 9 + [False]) * 20), share_of(([True] * 36 + [False] * 4) * 5)
-    assert in_bursts.next_lost > apart.next_lost
-    assert renewal_interval(in_bursts, 1.5) < renewal_interval(apart, 1.5)
-
-
-@pytest.mark.parametrize(("answered", "slowest", "fastest"), [(1.0, 0.6, 0.4), (0.9, 0.8, 0.3), (0.4, 0.21, SHORTEST)])
-def test_a_worse_line_is_renewed_more_often(answered, slowest, fastest):
-    rng = random.Random(2)
-    share = share_of(rng.random() < answered for _ in range(400))
-    assert fastest <= renewal_interval(share, 1.5) <= slowest
-
-
-def test_before_the_first_link_test_the_prior_holds_and_what_was_long_ago_is_forgotten():
-    share = HeardShare()
-    assert share.first_lost == pytest.approx(PRIOR_FIRST[0] / sum(PRIOR_FIRST))
-    bad = share_of([False, True] * 100)
-    for _ in range(1500):
-        bad.note(is_answered=True)
-    assert bad.first_lost < 0.01

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import Annotated
 
 import pytest
@@ -25,7 +24,6 @@ from mkdaemon.protocol.wire import WireMessage, answer, request
 from mkdaemon.telemetry.danger import Confirm, Danger
 from mkdaemon.telemetry.refusals import Token
 from tests.control.admission.situations import GOOD
-from tools.protocol_page import TABLES, messages
 
 
 @pytest.fixture
@@ -82,10 +80,3 @@ def test_one_class_is_enough_everywhere(lamp):
     error = refusal(BoardRequest(board="nc", name="lamp_request", danger=asked.spec.danger), GOOD)
     assert error is not None
     assert error.token == Token.NOT_CONFIRMED, "admission"
-
-
-def test_the_documentation_shows_a_declared_message(lamp):
-    page = "\n".join([*messages((sys.modules[__name__],), None), *TABLES["dangers"](None)])
-    assert "### LampRequest (`q`, nc)" in page
-    assert "Time-out: nc 0.7 s and 1 retries, deaf for 0.1 s. Starts the stream `lamp`." in page
-    assert "| `q` | nc | LampRequest | blinds the pilot | `confirm` |" in page

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from itertools import pairwise
-
 import pytest
 
 from mkdaemon.errors import ProtocolError
@@ -9,12 +7,8 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.evidence import ControlForm
 from mkdaemon.protocol.generations import (
-    FC_GENERATIONS,
-    NC_GENERATIONS,
     DeadMan,
     Release,
-    fc_generation,
-    nc_generation,
 )
 from mkdaemon.protocol.messages import (
     AttitudeDataNc,
@@ -27,7 +21,6 @@ from mkdaemon.protocol.messages import (
     NaviVersionClassic,
     OsdData5,
     OsdTiny,
-    Receiver077,
     Settings,
     VersionClassic,
     VersionFc200,
@@ -122,10 +115,6 @@ def test_what_is_read_back_must_agree_with_the_release(release, read_back, agree
     assert ("form" in (dialect.read_only_reason or "")) is not agrees
 
 
-def test_nothing_known_is_read_only():
-    assert Dialect().read_only_reason == decide(Evidence()).read_only_reason == "no board has named its release yet"
-
-
 def test_a_navictrl_alone_does_not_tell_what_the_flightctrl_reads():
     dialect = decide(evidence((Board.NC, nc_version(0, 24, 1))))
     assert dialect.via_navictrl
@@ -194,19 +183,6 @@ def test_another_release_at_the_same_address_starts_over():
     assert decide(second).settings_revision is None
     same = first.with_message(Board.FC, fc_version(2, 9))
     assert same.control_form is ControlForm.SHORT
-
-
-def test_evidence_of_the_flightctrl():
-    known = evidence((Board.FC, fc_version(2, 12)), (Board.FC, Receiver077.decode(bytes(50))))
-    assert (known.hardware, known.label_checksum, known.receiver) == (22, 0xBA, "077")
-    assert decide(known).label_checksum == 0xBA
-    assert evidence((Board.FC, fc_version(0, 90))).label_checksum is None
-
-
-def test_messages_that_prove_nothing_change_nothing():
-    known = evidence((Board.FC, fc_version(2, 12)))
-    assert known.with_message(Board.NC, AttitudeDataNc.decode(bytes(14))) == known
-    assert known.with_message(Board.NC, Unknown(Board.NC, "i", b"", "")) == known
 
 
 @pytest.mark.parametrize(
@@ -280,12 +256,6 @@ def test_what_a_navictrl_does_not_know(release, missing):
         assert f"the board has {Release(*release)}" in unsupported[Board.NC, key]
 
 
-def test_resets_in_flight_by_release():
-    assert fc(2, 0).resets_in_flight
-    assert not fc(2, 2).resets_in_flight
-    assert fc(9, 9).resets_in_flight
-
-
 def test_a_message_nobody_has():
     with pytest.raises(ProtocolError, match="mag has no message 'OsdData'"):
         fc(2, 12).message(Board.MAG, "OsdData")
@@ -304,19 +274,3 @@ def test_dead_man_generations(dead_man, hold, refreshing, harmless):
     assert dead_man.hold_time == hold
     assert all(dead_man.refreshed_by(letter) for letter in refreshing)
     assert not any(dead_man.refreshed_by(letter) for letter in harmless)
-
-
-@pytest.mark.parametrize("table", [FC_GENERATIONS, NC_GENERATIONS])
-def test_generations_follow_each_other_without_overlap(table):
-    for row in table:
-        assert row.since <= row.until
-    for earlier, later in pairwise(table):
-        assert earlier.until < later.since
-
-
-def test_release_letters():
-    assert str(Release(2, 12, 0)) == "2.12a"
-    assert str(Release(0, 88, 13)) == "0.88n"
-    assert str(Release(0, 1, 200)) == "0.01+200"
-    assert fc_generation(Release(2, 12)) is not None
-    assert nc_generation(Release(1, 0)) is None

@@ -5,8 +5,6 @@ from enum import IntFlag
 from typing import Annotated
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from mkdaemon.errors import EncodeError
@@ -63,57 +61,12 @@ def test_what_does_not_fit_the_wire_is_refused(field, value):
         Sample(**{field: value})
 
 
-def test_what_fits_is_kept_and_enumerated():
-    sample = Sample(colour=1, bits=1, row=[1, 2, 3], slot=255, name="Äb", rest=b"123")
-    assert sample.colour is Colour.RED
-    assert sample.bits is Bits.ONE
-    assert sample.row == (1, 2, 3)
-
-
 def test_an_unknown_value_of_an_enumeration_is_kept():
     assert Colour(7).name == "UNKNOWN_7"
     assert int(Colour(7)) == 7
     assert Sample(colour=9).colour == 9
     with pytest.raises(ValueError, match="red"):
         Colour("red")
-
-
-def test_the_json_schema_carries_what_the_field_declares():
-    properties = Sample.model_json_schema()["properties"]
-    angle = properties["angle"]
-    assert angle["x-firmware-word"] == "Nick"
-    assert (angle["x-wire-type"], angle["x-unit"], angle["x-si-unit"]) == ("s16", "0.1 deg", "rad")
-    assert angle["x-scale"] == pytest.approx(math.radians(0.1))
-    assert (properties["stick"]["minimum"], properties["stick"]["maximum"]) == (-100, 100)
-    assert properties["slot"]["enum"] == [1, 2, 255]
-    assert properties["colour"]["x-values"] == {"RED": 1}
-    assert properties["row"]["x-wire-type"] == "u16[3]"
-    assert properties["name"]["x-wire-type"] == "char[4]"
-    assert properties["raw"]["x-wire-type"] == "u8[2]"
-    assert properties["rest"]["x-wire-type"] == "u8[1..3]"
-
-
-def test_a_shifted_unit_says_so_in_the_schema():
-    class Throttle(BaseModel):
-        gas: Annotated[int, U8("Gas", STICK_FROM_BOTTOM)]
-
-    assert Throttle.model_json_schema()["properties"]["gas"]["x-zero"] == 127
-
-
-@pytest.mark.parametrize(
-    ("declare", "low", "high"),
-    [
-        (U8, 0, 255),
-        (S8, -128, 127),
-        (U16, 0, 65535),
-        (S16, -32768, 32767),
-        (S32, -(2**31), 2**31 - 1),
-    ],
-)
-def test_a_plain_field_has_the_range_of_its_type(declare, low, high):
-    field = declare("x")
-    assert (field.minimum, field.maximum) == (low, high)
-    assert declare("x", low=1, high=2).maximum == 2
 
 
 def test_decimal_units_give_decimal_numbers():
@@ -143,12 +96,6 @@ def test_an_si_value_that_cannot_be_sent_is_refused(value):
         S8("Roll", STICK).from_si(value)
 
 
-@given(st.integers(-1800, 1800))
-def test_every_wire_angle_survives_si(wire):
-    field = S16("AngleRoll", -DECI_DEG)
-    assert field.from_si(field.to_si(wire)) == wire
-
-
 @pytest.mark.parametrize(
     ("field", "raw", "text"),
     [
@@ -162,9 +109,3 @@ def test_every_wire_angle_survives_si(wire):
 )
 def test_received_text_loses_its_padding_only_where_trimmed(field, raw, text):
     assert field.read_text(raw) == text
-
-
-def test_sent_text_is_padded():
-    assert Text("t", 5, pad=" ").write("ab") == b"ab   "
-    assert Text("t", 5).write("ab") == b"ab\0\0\0"
-    assert U8("n").write(7) == 7

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import textwrap
 
-import mkdaemon.protocol
 from mkdaemon.protocol import (
     Board,
     Chunk,
@@ -23,24 +22,11 @@ from tests.places import CAPTURES, ROOT
 
 CAPTURE = CAPTURES / "nc_mixed_60s.jsonl"
 
-EXPORTED = [
-    *("MESSAGES", "Board", "Chunk", "DeadMan", "Decoded", "Dialect", "Direction", "DropReason", "Dropped", "ErrorCode"),
-    *("Evidence", "Frame", "FrameDecoder", "MessageDecoder", "MessageSpec", "Mission", "MissionPoint", "ParameterSet"),
-    *("Release", "SettingsFile", "TrafficDecoder", "Unknown", "WireMessage", "board_at", "decide", "decode_capture"),
-    *("decode_chunks", "describe_error", "encode_frame", "flags", "known_revisions", "layout_of", "messages"),
-    "read_chunks",
-]
-
 
 def run_python(script: str) -> str:
     """Run a script in a new interpreter and return what it printed."""
     command = [sys.executable, "-c", textwrap.dedent(script)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-
-
-def test_the_package_exports_these_names():
-    assert mkdaemon.protocol.__all__ == EXPORTED
-    assert all(hasattr(mkdaemon.protocol, name) for name in EXPORTED)
 
 
 def test_the_package_imports_no_input_or_output_and_ten_lines_decode_a_capture():
@@ -61,10 +47,6 @@ def test_the_package_imports_no_input_or_output_and_ten_lines_decode_a_capture()
     ).splitlines()
     assert loaded.split() == ["True", "set()"]
     assert [int(count) > 0 for count in counts.split()] == [True, True]
-
-
-def test_any_module_of_the_package_sees_the_whole_table():
-    assert run_python("from mkdaemon.protocol.wire import MESSAGES; print(len(MESSAGES) > 90)").split() == ["True"]
 
 
 def test_losses_and_unknown_frames_have_their_own_types():

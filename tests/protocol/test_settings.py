@@ -11,19 +11,14 @@ from hypothesis import strategies as st
 
 from mkdaemon.errors import EncodeError, MkError, ProtocolError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.protocol.messages import Settings, WriteSettings
+from mkdaemon.protocol.messages import Settings
 from mkdaemon.protocol.settings import (
     ParameterSet,
     SetChange,
-    is_useful,
     known_revisions,
     layout_of,
-    poti_number,
-    poti_reference,
 )
-from mkdaemon.protocol.settings_fields import ParameterKind
-from mkdaemon.protocol.settings_file import SettingsFile, parse_value, spell_value
-from mkdaemon.protocol.settings_table import PARAMETERS, SAME_LAYOUT
+from mkdaemon.protocol.settings_file import SettingsFile, parse_value
 
 REVISIONS = st.sampled_from(known_revisions())
 
@@ -40,15 +35,6 @@ def parameter_sets(draw) -> ParameterSet:
     layout = layout_of(revision)
     assert layout is not None
     return ParameterSet(bytes([revision]) + draw(st.binary(min_size=layout.size - 1, max_size=layout.size - 1)))
-
-
-@given(parameter_sets(), st.integers(1, 5))
-def test_a_set_survives_the_line_byte_for_byte(parameters, slot):
-    wire = WriteSettings(index=slot, parameters=parameters.raw).to_frame()
-    (frame,) = FrameDecoder().feed(wire)
-    assert isinstance(frame, Frame)
-    read = WriteSettings.decode(frame.payload)
-    assert ParameterSet.from_payload(read.parameters) == parameters
 
 
 @given(parameter_sets())
@@ -116,22 +102,6 @@ def test_an_unknown_revision_or_one_of_the_wrong_length_is_raw_only(revision, si
         ParameterSet.from_payload(b"")
 
 
-@pytest.mark.parametrize(("revision", "base"), SAME_LAYOUT.items())
-def test_revisions_that_share_a_layout(revision, base):
-    shared, first = layout_of(revision), layout_of(base)
-    assert shared is not None
-    assert first is not None
-    assert shared.places == first.places
-    assert shared.revision == revision
-
-
-def test_bits_follow_the_revision():
-    assert blank(106).replaced({"global_config": 0x40}).flags("global_config") == ("axis_coupling",)
-    assert blank(112).replaced({"global_config": 0x40}).flags("global_config") == ("land_outside_fly_zone",)
-    assert blank(90).replaced({"global_config_3": 0x08}).flags("global_config_3") == ("bit_3",)
-    assert blank(91).replaced({"global_config_3": 0x08}).flags("global_config_3") == ("motor_switch_mode",)
-
-
 def test_a_wrong_name_is_answered_with_the_nearest():
     with pytest.raises(ProtocolError, match="106 has no 'gyro_ p'; the nearest name is 'gyro_p'"):
         blank(106)["gyro_ p"]
@@ -159,54 +129,12 @@ def test_a_value_that_does_not_fit_is_refused(name, value, reason):
         blank(106).replaced({name: value})
 
 
-def test_the_name_keeps_what_stands_behind_its_end():
-    dirty = ParameterSet(blank(106).raw[:-12] + b"Easy\0rubbish")
-    assert dirty.name == "Easy"
-    assert dirty.replaced({"name": "Easy"}) == dirty
-    assert dirty.replaced({"name": "Fast"}).raw[-12:] == b"Fast" + bytes(8)
-
-
 def test_sets_that_cannot_be_compared_by_name_differ_as_a_whole():
     known, unknown = blank(106), ParameterSet(b"\x01\x02")
     assert known.changes_to(unknown) == (SetChange("raw", known.raw.hex(), "0102"),)
     dirty = ParameterSet(known.raw[:-1] + b"x")
     assert known.changes_to(dirty)[0].name == "raw"
     assert known.changes_to(known) == ()
-
-
-def test_sets_of_two_revisions_differ_in_what_only_one_has():
-    changes = {change.name: change for change in blank(104).changes_to(blank(105))}
-    assert changes["servo_failsafe_positions"].before is None
-    assert changes["revision"] == SetChange("revision", 104, 105)
-
-
-def test_poti_references():
-    assert [poti_number(value) for value in (0, 247, 248, 255)] == [None, None, 8, 1]
-    assert (poti_reference(8), poti_reference(1)) == (248, 255)
-    for poti in (0, 9):
-        with pytest.raises(EncodeError, match="1 to 8"):
-            poti_reference(poti)
-
-
-def test_useful_ranges():
-    by_name = {parameter.name: parameter for parameter in PARAMETERS}
-    assert is_useful(by_name["orientation_angle"], 23)
-    assert not is_useful(by_name["orientation_angle"], 24)
-    assert is_useful(by_name["gyro_p"], 255)
-    assert not is_useful(by_name["receiver"], 255)
-
-
-def test_the_table_is_consistent():
-    for revision in known_revisions():
-        layout = layout_of(revision)
-        assert layout is not None
-        assert next(iter(layout.places)) == "revision"
-        assert list(layout.places)[-1] == "name"
-        for name in layout.places:
-            bits = layout.bits(name)
-            assert len({bit.mask for bit in bits}) == len(bits), (revision, name)
-    for parameter in PARAMETERS:
-        assert (parameter.kind is ParameterKind.BITS) == bool(parameter.bits)
 
 
 def example() -> SettingsFile:
@@ -322,9 +250,3 @@ def test_values_that_mean_nothing(name, spelled):
     assert layout is not None
     with pytest.raises(EncodeError, match=name):
         parse_value(layout, name, spelled)
-
-
-def test_spelling_needs_a_layout():
-    with pytest.raises(ProtocolError, match="raw bytes only"):
-        spell_value(ParameterSet(b"\1"), "gyro_p")
-    assert spell_value(blank(106), "channels") == [0] * 12

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import msgpack
 import pytest
 
@@ -153,8 +151,3 @@ def test_the_secret_of_a_lease_is_replaced_by_the_same_word_everywhere():
 def test_an_event_of_another_version_is_refused_in_a_line(suffix, payload):
     with pytest.raises(MkError, match="not as the event is today"):
         unpack_event(suffix, payload)
-
-
-def test_a_refusal_is_part_of_the_answer():
-    reply = msgpack.unpackb(pack_event(SetpointAccepted(STICKS, 7), replace(NOTED, refusal=ERROR), KEY))["reply"]
-    assert reply["refusal"]["token"] == Token.NOT_LEASED

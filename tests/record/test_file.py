@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import struct
 from itertools import pairwise
 from pathlib import Path
@@ -11,16 +10,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 
-from mkdaemon.errors import MkError
 from mkdaemon.record.entry import Congestion, Entry, EntryKind, Qos, TimeBase
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter, View
-from mkdaemon.stamp import nanoseconds, seconds
 from tests.record.support import BASE, SESSION, sample
 
 
@@ -79,23 +74,6 @@ def test_entries_come_back_as_they_went_in(tmp_path: Path) -> None:
     assert recording.report.entries == len(MIXED)
 
 
-def test_stamp_is_the_one_in_the_payload_or_the_moment_it_was_taken() -> None:
-    assert MIXED[0].stamp.monotonic == pytest.approx(1000.018)
-    assert MIXED[0].stamp.synchronised is True
-    assert MIXED[4].stamp.monotonic == 1000.25
-    assert MIXED[4].stamp.wall == 1_760_001_000.75
-    assert (MIXED[0].vehicle, MIXED[0].suffix) == ("mk1", "state/attitude")
-    assert MIXED[0]._replace(key="other/x").vehicle == ""
-    assert MIXED[0]._replace(payload=b"\xc1").stamp.monotonic == MIXED[0].received
-
-
-@given(st.floats(0, 4_000_000), st.floats(1_500_000_000, 4_000_000_000))
-def test_times_survive_the_file_exactly(monotonic: float, wall: float) -> None:
-    assert seconds(nanoseconds(wall)) == wall
-    assert abs(seconds(nanoseconds(monotonic)) - monotonic) < 1e-9
-    assert BASE.monotonic(BASE.file_time(seconds(nanoseconds(monotonic)))) == seconds(nanoseconds(monotonic))
-
-
 def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
     entries = [sample(number) for number in range(1, 2001)]
     reader = make_reader(io.BytesIO(write(entries).getvalue()), validate_crcs=True)
@@ -111,15 +89,6 @@ def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
     assert all(one.chunk_start_offset < two.chunk_start_offset for one, two in pairwise(summary.chunk_indexes))
     assert next(iter(reader.iter_metadata())).metadata["recorder"] == "blackbox"
     assert len(list(reader.iter_messages(topics=["sample:mk/mk1/state/attitude"]))) == len(entries)
-
-
-def test_library_of_mcap_reads_a_file_that_was_cut_off() -> None:
-    whole = write([sample(number) for number in range(1, 101)], finish=False)
-    found = 0
-    with pytest.raises(EndOfFile):
-        for record in StreamReader(io.BytesIO(whole.getvalue()), validate_crcs=True).records:
-            found += type(record).__name__ == "Message"
-    assert found == 100
 
 
 def test_a_file_cut_off_anywhere_keeps_all_that_was_flushed(tmp_path: Path) -> None:
@@ -211,41 +180,3 @@ def test_a_reading_can_be_limited_by_time_and_channel(tmp_path: Path) -> None:
     times = [BASE.file_time(entry.received) for entry in entries]
     assert list(recording.entries(wanted)) == entries[::2]
     assert list(recording.entries(first=times[20], last=times[29])) == entries[20:30]
-
-
-class Json:
-    def schema(self, facts: ChannelFacts) -> tuple[str, bytes] | None:
-        return ("Attitude", b"{}") if facts.kind is EntryKind.SAMPLE else None
-
-    def show(self, entry: Entry) -> bytes | None:
-        return b'{"roll": 1}'
-
-
-def test_json_for_viewers_is_no_entry(tmp_path: Path) -> None:
-    raw = write(MIXED, view=Json()).getvalue()
-
-    entries, recording = read(tmp_path / "a.mcap", raw)
-    topics = {channel.topic for _, channel, _ in make_reader(io.BytesIO(raw)).iter_messages()}
-
-    assert entries == MIXED
-    assert recording.report.views == 2
-    assert {"mk/mk1/state/attitude", "sample:mk/mk1/state/attitude", "setpoint:mk/mk1/setpoint/stick"} <= topics
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MkError, match=r"a\.mcap: cannot be opened"):
-        list(Recording(tmp_path / "a.mcap").entries())
-
-
-def test_a_pipe_is_no_recording_and_holds_nobody_up(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.mcap")
-    with pytest.raises(MkError, match=r"a\.mcap: cannot be opened \(no regular file\)"):
-        Recording(tmp_path / "a.mcap").read_session()
-
-
-def test_what_is_no_recording_says_so(tmp_path: Path) -> None:
-    entries, recording = read(tmp_path / "a.txt", b"hello" * 100)
-
-    assert not entries
-    assert recording.read_session() is None
-    assert "not an MCAP file" in recording.report.damages[0].reason

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import random
 import shutil
 import threading
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from mkdaemon.record.folder import free_space, recording_name
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.recorder import FLUSH, RETRY, RecorderThread
 from mkdaemon.telemetry.record import RecorderState
@@ -23,27 +21,6 @@ from tests.record.support import ROOMY, Bench, sample
 def numbers(folder: Path) -> list[int]:
     """Sequence numbers of all entries in all files of a folder."""
     return [entry.sequence for path in sorted(folder.glob("*.mcap")) for entry in Recording(path).entries()]
-
-
-def test_an_empty_queue_makes_no_file(tmp_path):
-    bench = Bench(tmp_path / "new")
-    bench.run(5.0)
-    bench.recorder.close(bench.now)
-
-    assert not (tmp_path / "new").exists()
-
-
-def test_closing_writes_what_waits_and_ends_the_file(tmp_path):
-    bench = Bench(tmp_path)
-    bench.put(1, 100)
-    bench.run(0.001)
-    bench.recorder.close(bench.now)
-
-    (path,) = tmp_path.glob("*.mcap")
-    recording = Recording(path)
-    assert len(list(recording.entries())) == 100
-    assert recording.report.is_whole
-    assert bench.queue.lost == 0
 
 
 @pytest.mark.parametrize("limits", [replace(ROOMY, file_bytes=20_000), replace(ROOMY, file_time=1.0)])
@@ -160,27 +137,6 @@ def test_entries_that_are_written_once_are_not_written_again_after_a_fault(tmp_p
     assert bench.queue.lost == 0
 
 
-def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
-    bench = Bench(tmp_path)
-    bench.record(1, 50)
-    (path,) = tmp_path.glob("*.mcap")
-    size = path.stat().st_size
-    write = os.write
-    calls = []
-
-    def cut(number, data):
-        if calls:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        calls.append(write(number, data[: len(data) // 2]))
-        return calls[0]
-
-    monkeypatch.setattr("mkdaemon.record.folder.os.write", cut)
-    bench.record(51, 60)
-
-    assert calls[0] > 0
-    assert path.stat().st_size == size
-
-
 def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
     folder = tmp_path / "recordings"
     bench = Bench(folder)
@@ -207,37 +163,6 @@ def test_a_file_removed_before_its_end_is_lost_and_counted(tmp_path):
     bench.recorder.close(bench.now)
     assert bench.recorder.report.state is RecorderState.FAULT
     assert (bench.queue.lost, bench.recorder.report.entries) == (20, 0)
-
-
-def test_a_file_ends_before_its_keys_have_no_numbers_left(tmp_path, monkeypatch):
-    monkeypatch.setattr("mkdaemon.record.writer.MOST_CHANNELS", 50)
-    bench = Bench(tmp_path)
-    for number in range(1, 121):
-        bench.queue.put(sample(number, f"mk/mk1/state/a{number}"))
-    bench.run(FLUSH + 0.1)
-    bench.recorder.close(bench.now)
-    assert numbers(tmp_path) == list(range(1, 121))
-    assert len(list(tmp_path.glob("*.mcap"))) == 2
-
-
-def test_a_folder_that_may_not_be_written_is_tried_again(tmp_path):
-    bench = Bench(tmp_path)
-    bench.disk.error = errno.EACCES
-    bench.put(1, 10)
-    bench.run(1.0)
-    assert bench.recorder.report.state is RecorderState.FAULT
-    bench.disk.error = 0
-    bench.run(RETRY + FLUSH)
-    assert numbers(tmp_path) == list(range(1, 11))
-
-
-def test_a_disk_that_fails_at_the_end_of_a_file_is_a_fault(tmp_path):
-    bench = Bench(tmp_path)
-    bench.record(1, 10)
-    bench.disk.error = errno.EIO
-    bench.recorder.close(bench.now)
-    assert bench.recorder.report.state is RecorderState.FAULT
-    assert numbers(tmp_path) == list(range(1, 11))
 
 
 def test_a_file_is_brought_to_the_disk_as_often_as_configured(tmp_path):
@@ -279,38 +204,6 @@ def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path, monkeypatch)
     assert found == list(range(1, 1000 - lost + 1))
 
 
-def test_a_defect_ends_the_recording_and_is_reported(tmp_path):
-    bench = Bench(tmp_path)
-
-    def fail():
-        raise RuntimeError("defect")
-
-    bench.queue.defer(fail, 10)
-    thread = RecorderThread(bench.recorder)
-    thread.start()
-    deadline = time.monotonic() + 60.0
-    while thread.is_alive and time.monotonic() < deadline:
-        time.sleep(0.005)
-    assert bench.recorder.report.state is RecorderState.FAULT
-    assert "defect" in bench.recorder.report.reason
-
-
-def test_two_hours_take_no_more_memory_than_a_minute(tmp_path):
-    bench = Bench(tmp_path, limits=replace(ROOMY, file_time=1800.0), capacity=10**6)
-    sizes = []
-    for second in range(0, 7200, 2):
-        bench.queue.put(sample(second // 100 + 1, f"mk/mk1/state/{second % 100}"))
-        bench.now += 2.0
-        bench.recorder.step(bench.now)
-        if bench.recorder._part is not None:
-            writer = bench.recorder._part.writer
-            sizes.append(len(writer._chunk_indexes) + len(writer._chunk.data) + bench.queue.size)
-    assert max(sizes) < 2_000_000
-    assert len(list(tmp_path.glob("*.mcap"))) == 4
-    assert sum(Recording(path).read_session() is not None for path in tmp_path.glob("*.mcap")) == 4
-    assert bench.queue.lost == 0
-
-
 def test_deferred_entries_give_way_to_others(tmp_path):
     bench = Bench(tmp_path, capacity=40_000)
     bench.queue.defer(lambda: sample(1), 5_000)
@@ -330,8 +223,3 @@ def test_who_is_restarted_in_the_same_second_begins_another_recording(tmp_path):
         bench.recorder.close(bench.now)
     names = [Recording(path).read_session().name for path in sorted(tmp_path.glob("*.mcap"))]
     assert names == [f"mk1-20261122T08000{second}Z" for second in range(3)]
-
-
-def test_names_and_room(tmp_path):
-    assert recording_name("mk1", 1_790_000_000.0) == "mk1-20260921T141320Z"
-    assert free_space(tmp_path) > 0

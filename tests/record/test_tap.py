@@ -95,18 +95,6 @@ def test_an_image_becomes_an_entry_on_the_writing_thread():
     assert (first.received, first.published, first.issuer) == (41.75, STAMP.wall, "driver")
 
 
-def test_what_has_no_room_is_a_gap_in_the_numbers():
-    tap, queue = tapped(capacity=2000)
-    for _ in range(5):
-        tap.sample("state/gps", b"x" * 100, "", STAMP)
-    taken = [entry.sequence for entry in queue.take(10)]
-    tap.sample("state/gps", b"x", "", STAMP)
-
-    assert taken == [1, 2]
-    assert queue.lost == 3
-    assert queue.take(1)[0].sequence == 6
-
-
 def test_the_secret_of_a_lease_is_never_recorded():
     asked = {"action": "renew", "epoch": 3, "secret": "ab12"}
     granted = {"status": "accepted", "reply": {"epoch": 3, "secret": "ab12", "list": [{"secret": "ab12"}]}}

@@ -127,13 +127,6 @@ def test_recovering_a_file_that_was_cut_off_gives_a_whole_one_with_the_same_entr
     assert damaged.read_bytes() == before
 
 
-def test_nothing_is_written_where_nothing_is_whole(tmp_path):
-    (tmp_path / "a.mcap").write_bytes(b"nothing of ours")
-    with pytest.raises(MkError, match="no entry is whole"):
-        recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap"]
-
-
 def test_nothing_is_overwritten_unasked(tmp_path):
     source, target = written(tmp_path / "a.mcap"), tmp_path / "b.mcap"
     target.write_bytes(b"mine")
@@ -198,12 +191,6 @@ def test_a_glance_tells_times_and_whether_a_file_is_finished(tmp_path):
     assert glance(tmp_path / "b.mcap").size == len(whole) - 23
     (tmp_path / "c.mcap").write_bytes(whole[:-1])
     assert (glance(tmp_path / "c.mcap").is_finished, glance(tmp_path / "c.mcap").duration) == (False, None)
-
-
-def test_the_span_of_a_file_is_known_without_its_entries(tmp_path):
-    path = written(tmp_path / "a.mcap", finish=False)
-    times = [BASE.file_time(entry.received) for entry in ENTRIES]
-    assert Recording(path).span() == (times[0], times[-1])
 
 
 @pytest.mark.parametrize(

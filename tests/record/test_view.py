@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 import runpy
@@ -13,7 +12,7 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
-from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.bus.schema import schema_json
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
@@ -41,11 +40,6 @@ def assert_readable(schema):
         assert_readable(schema["items"])
 
 
-def test_every_schema_is_readable_for_viewers():
-    for name in schema_names():
-        assert_readable(flatten_schema(json.loads(schema_json(name))))
-
-
 def test_a_schema_that_contains_itself_ends():
     schema = {
         "$defs": {"Node": {"type": "object", "properties": {"next": {"$ref": "#/$defs/Node"}}}},
@@ -67,11 +61,6 @@ def test_alternatives_enums_and_constants_get_a_type():
     nested = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
     assert flatten_schema(nested)["items"] == {"type": "object"}
     assert flatten_schema({"type": "null"}) == {"type": "object"}
-
-
-def test_bytes_become_base64_and_nulls_are_left_out():
-    shown = json.loads(VIEW.show(entry_of("RawFrame.v1", {"raw": b"\x00\xff", "dropped": None, "list": [{"a": None}]})))
-    assert shown == {"raw": base64.b64encode(b"\x00\xff").decode(), "list": [{}]}
 
 
 def test_images_and_transforms_are_what_viewers_know():

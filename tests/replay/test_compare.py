@@ -10,7 +10,7 @@ from mkdaemon.record.layout import Session
 from mkdaemon.replay.compare import Comparison, KeyReport, ReplayDifference, ReplayOutput, compare
 from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.report import ReplayReport
-from mkdaemon.replay.tolerances import RULES, Within, admits
+from mkdaemon.replay.tolerances import admits
 
 BASE = TimeBase("", 0)
 
@@ -36,11 +36,6 @@ def test_values_are_found_by_their_stamps():
     assert (report.missing, report.differing, report.new) == (1, 1, 1)
     assert report.fields == {"value": 1}
     assert report.first.replayed == "(absent)"
-
-
-def test_values_that_were_published_late_are_found_by_their_stamps_too():
-    first, second, third = packed(1, 1.0), packed(2, 2.0), packed(3, 3.0)
-    assert compared([first, third, second], [second, first, third]).differences == 0
 
 
 def test_what_the_core_answered_is_compared_as_values_are():
@@ -72,11 +67,6 @@ def test_another_schema_is_a_difference():
     assert compared([packed(1)], [packed(1)], encoding="y").fields == {"(encoding)": 1}
 
 
-def test_what_is_no_map_is_compared_as_bytes():
-    assert compared([b"\xc1"], [b"\xc1"]).differences == 0
-    assert compared([b"\xc1"], [b"\xc1x"]).differences == 1
-
-
 @pytest.mark.parametrize(
     ("key", "field", "recorded", "replayed", "is_admitted"),
     [
@@ -95,18 +85,6 @@ def test_what_is_no_map_is_compared_as_bytes():
 )
 def test_bytes_integers_and_words_are_equal_and_floats_nearly(key, field, recorded, replayed, is_admitted):
     assert admits(key, field, recorded, replayed) is is_admitted
-
-
-def test_times_of_the_loop_are_equal_to_their_nanoseconds():
-    assert admits("control/output", "stamp.monotonic", 1e6, 1e6 + 2e-9)
-    assert not admits("control/output", "stamp.monotonic", 1e6, 1e6 + 1e-7)
-    assert all(rule.why for rule in RULES)
-
-
-def test_an_integer_has_no_tolerance():
-    assert Within(0.5).admits(1.0, 1.5)
-    assert not Within(2).admits(1, 2)
-    assert not Within(2).admits(1, 1.5)
 
 
 def test_a_report_tells_the_fields_that_differ_most_and_the_first_value():

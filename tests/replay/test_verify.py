@@ -7,7 +7,6 @@ import math
 import sys
 from collections import Counter
 from dataclasses import replace
-from functools import partial
 from importlib import import_module
 from random import Random
 
@@ -19,21 +18,18 @@ from lab.places import ROOT
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.control.events import NOTED, FrameNotSent
-from mkdaemon.control.regulator.autopilot import CountShaper
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.protocol.messages import OsdData5
-from mkdaemon.record.entry import Entry, EntryKind, TimeBase
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.events import pack_event, unpack_event
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.compare import compare
-from mkdaemon.replay.recorded import Recorded, fields_of, read_recorded, value_of
+from mkdaemon.replay.recorded import Recorded, fields_of, read_recorded
 from mkdaemon.replay.report import verify
 from mkdaemon.replay.run import replay
-from mkdaemon.replay.tolerances import Within, rule_for
-from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.places import DATA
 from tools.recordings import make
@@ -61,68 +57,14 @@ def test_todays_code_does_what_it_did_when_this_was_recorded(replayed):
         assert found.compared > 300
 
 
-def changed(value, change):
-    """A value with every float changed; stamps too."""
-    match value:
-        case float():
-            return change(value)
-        case dict():
-            return {name: changed(inner, change) for name, inner in value.items()}
-        case list():
-            return [changed(inner, change) for inner in value]
-    return value
-
-
-def with_floats(outputs, change):
-    """What came out, with every float changed."""
-    unpack = partial(msgpack.unpackb, strict_map_key=False)
-    return [replace(output, payload=msgpack.packb(changed(unpack(output.payload), change))) for output in outputs]
-
-
-@pytest.mark.parametrize("towards", [float("-inf"), float("inf")])
-def test_floats_that_differ_in_the_last_place_are_equal(replayed, towards):
-    for recorded, outputs in replayed:
-        beside = with_floats(outputs, lambda value: math.nextafter(value, towards))
-        found = compare(recorded, beside).keys.values()
-        assert [key.first for key in found if key.differences] == []
-
-
-def test_floats_that_differ_by_a_millionth_are_named(replayed):
-    checked = 0
-    for recorded, outputs in replayed:
-        keys = compare(recorded, with_floats(outputs, lambda value: value * (1 + 1e-6))).keys
-        for entry in recorded.of(EntryKind.SAMPLE):
-            for path, value in floats_of(fields_of(entry)):
-                tolerance = rule_for(entry.suffix, path).tolerance
-                is_judged = entry.suffix in keys and isinstance(tolerance, Within)
-                if is_judged and abs(value) * 9e-7 > max(tolerance.absolute, tolerance.relative * abs(value)):
-                    assert path in keys[entry.suffix].fields, (entry.suffix, path, value)
-                    checked += "stamp" not in path
-    assert checked > 2000
-
-
-def floats_of(value, path=""):
-    """Every float of a value that is one by its form, with its path."""
-    match value:
-        case float():
-            yield path, value
-        case dict():
-            for name, inner in value.items():
-                yield from floats_of(inner, f"{path}.{name}" if path else str(name))
-        case list():
-            for number, inner in enumerate(value):
-                yield from floats_of(inner, f"{path}.{number}")
-
-
 LIBM = ("sin", "cos", "tan", "atan2", "asin", "acos", "exp", "log", "hypot")
 """What IEEE 754 does not round for every machine alike."""
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_a_recording_verifies_with_the_libm_of_another_processor(monkeypatch, seed):
+def test_a_recording_verifies_with_the_libm_of_another_processor(monkeypatch):
     monkeypatch.chdir(ROOT)
     import_module("mkdaemon.vision.pipeline")  # whatever a replay imports later keeps its own names
-    random = Random(seed)
+    random = Random(1)
     modules = [module for name, module in sys.modules.items() if name.startswith("mkdaemon.")]
     for name in LIBM:
         own = getattr(math, name)
@@ -184,21 +126,6 @@ def test_without_images_the_recorded_poses_are_flown_with(tmp_path, monkeypatch)
     assert report.as_map()["differences"] == 0
 
 
-def test_eyes_that_see_the_target_larger_are_named(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    target = tmp_path / "larger.toml"
-    target.write_text((ROOT / "configs/targets/nested.toml").read_text().replace("0.3048", "0.3078"), encoding="utf-8")
-    entries = list(Recording(OVER_TARGET).entries())
-    recorded = Recorded(Recording(OVER_TARGET).read_session(), entries[: len(entries) * 4 // 5])
-    camera = recorded.config.cameras[0].model_copy(update={"targets": (target,)})
-    replayed = replay(recorded, recorded.config.model_copy(update={"cameras": (camera,)}))
-    assert replayed.has_eyes
-    keys = compare(recorded, replayed.outputs).keys
-    differing = {key for key, found in keys.items() if found.differences}
-    assert {"vision/down/pose", "tf"} == differing  # the core is told what it was told: the first that differs is named
-    assert keys["vision/down/pose"].fields["position_target.2"] == keys["vision/down/pose"].recorded
-
-
 def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
     recorded = sticks_with()
     outputs = replay(recorded, recorded.config).outputs
@@ -213,7 +140,7 @@ def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
 def test_a_recording_that_breaks_off_between_what_came_in_and_what_came_out_of_it_has_no_difference(kind):
     whole = list(Recording(STICKS).entries())
     places = [place for place, entry in enumerate(whole) if entry.kind is kind and place > 300]
-    for place in places[:: max(len(places) // 4, 1)]:
+    for place in places[:: max(len(places) // 2, 1)]:
         found = compared(sticks_with(lambda entries, end=place + 1: entries[:end])).values()
         assert [report.first for report in found if report.differences] == []
 
@@ -229,16 +156,6 @@ def test_what_the_core_answers_otherwise_is_named_with_the_event():
     assert keys["core/SetpointAccepted"].fields["reply.refusal"] > 0
     assert keys["control/output"].missing == keys["control/output"].recorded > 0
     assert keys["state/attitude"].differences == 0
-
-
-def test_a_regulator_that_flies_otherwise_is_named(monkeypatch):
-    """By 2 %: the recorded aircraft does not answer to sticks of another flight, which ends it sooner or later."""
-    monkeypatch.chdir(ROOT)
-    count = CountShaper.count
-    monkeypatch.setattr(CountShaper, "count", lambda self, wanted: count(self, wanted * 1.02))
-    keys = compared(read_recorded([OVER_TARGET]))
-    assert keys["control/output"].differing > 0
-    assert not {key for key, found in keys.items() if found.differences and not key.startswith(("control/", "event/"))}
 
 
 @pytest.mark.parametrize(
@@ -287,12 +204,6 @@ def test_an_event_of_another_version_ends_the_replay_with_its_key(tmp_path):
 def test_a_configuration_that_a_stranger_wrote_is_refused_in_a_line(config):
     with pytest.raises(ConfigError, match="is not understood here"):
         _ = Recorded(replace(Recording(STICKS).read_session(), config=config), []).config
-
-
-def test_a_value_of_another_version_is_refused_with_the_place():
-    value = Entry(EntryKind.SAMPLE, "mk/t/event/record", msgpack.packb({"state": 1}), "", 1.0, 0.0, TimeBase("", 0), 1)
-    with pytest.raises(MkError, match=r"mk/t/event/record, value 1: not as CommandResult is today \(status"):
-        value_of(value, CommandResult)
 
 
 def test_an_empty_recording_and_parts_of_two_are_refused(tmp_path):

@@ -10,7 +10,7 @@ from functools import cache
 from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.status import Status
-from tests.places import DOCS, ROOT
+from tests.places import ROOT
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 CALLED = r"\b(refuse|CommandRejectedError)\("
@@ -46,16 +46,6 @@ def test_every_refusal_says_why_and_what_to_do():
         assert token.status not in {Status.ACCEPTED, Status.NOT_OBSERVABLE}
 
 
-def test_a_word_from_the_bus_is_looked_up():
-    assert TOKENS["busy"] is Token.BUSY
-    assert "of another version" not in TOKENS
-
-
-def test_every_token_is_documented():
-    page = (DOCS / "keys.md").read_text(encoding="utf-8")
-    assert [token for token in Token if f"`{token}`" not in page] == []
-
-
 def test_every_token_is_raised_somewhere_and_none_is_built_by_hand():
     raised = set()
     for source, call in calls("refuse"):
@@ -77,8 +67,3 @@ def test_no_other_place_has_words_of_its_own():
     # loop that was judged before.
     given_back = {"client/answers.py", "record/events.py", "control/admission/flightrows.py"}
     assert built == {"telemetry/refusals.py"} | given_back
-
-
-def test_a_refusal_never_fails_for_a_missing_word():
-    assert "(detail)" in refuse(Token.BUSY).reason
-    assert "(limit) %" in refuse(Token.LINE_BUDGET).reason

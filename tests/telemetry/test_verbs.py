@@ -12,37 +12,13 @@ from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 from mkdaemon.telemetry.verbs import VERBS
 
 
-def test_names_and_calls_are_unique():
-    assert len({verb.name for verb in VERBS}) == len({verb.call for verb in VERBS}) == len(VERBS)
-
-
 def test_every_verb_is_a_key_and_no_other_key_is_one():
     assert [spec.suffix for spec in KEYS if spec.suffix.startswith("do/")] == [f"do/{verb.name}" for verb in VERBS]
-
-
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
-def test_a_verb_has_one_sentence_and_a_request_of_its_own(verb):
-    assert verb.about.endswith(".")
-    assert verb.request.__doc__ and f"`do/{verb.name}`" in verb.request.__doc__
-    assert [other.name for other in VERBS if other.request is verb.request] == [verb.name]
 
 
 def test_the_daemon_has_a_procedure_for_every_verb_that_is_one():
     by_hand = {"settings_recover"}  # looks at the journal, asks no board itself
     assert {verb.name for verb in VERBS if verb.is_procedure} - by_hand == set(PROCEDURES)
-
-
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
-        ("release", "release"),
-        ("settings_backup", "settings.backup"),
-        ("motor_controllers_read", "motor_controllers.read"),
-        ("navi_goto", "navi.target"),
-    ],
-)
-def test_the_call_follows_from_the_name_where_nothing_else_is_said(name, call):
-    assert next(verb for verb in VERBS if verb.name == name).call == call
 
 
 @pytest.mark.parametrize("request_of", [command.ReleaseRequest, command.AbortRequest])
@@ -66,16 +42,3 @@ def test_a_point_looks_at_a_point_of_interest_of_its_own_mission() -> None:
     for points in ((HERE, looking), (poi, HERE.model_copy(update={"poi": 3}))):
         with pytest.raises(ValidationError, match="which is not a point of interest of this mission"):
             Mission(points=points)
-
-
-def test_altitudes_are_raised_within_their_range() -> None:
-    mission = Mission(points=(HERE,), name="Field")
-    assert (mission.raised(-500.0).points[0].altitude, mission.raised(-500.0).name) == (20.0, "Field")
-    with pytest.raises(ValidationError):
-        mission.raised(6000.0)
-
-
-@pytest.mark.parametrize(("field", "value"), [("latitude_deg", 90.1), ("altitude", float("nan")), ("name", "Größe")])
-def test_values_have_limits(field: str, value: object) -> None:
-    with pytest.raises(ValidationError):
-        MissionPoint.model_validate(HERE.model_dump() | {field: value})

@@ -6,17 +6,10 @@ import pytest
 
 from mkdaemon.client.linktest.measures import (
     LoadRun,
-    histogram,
-    losses_over_time,
-    measure,
-    percentile,
-    runs_of_losses,
-    weighted_averages,
 )
 from mkdaemon.client.linktest.probefile import HEADER, read_csv, to_csv
-from mkdaemon.client.linktest.probes import TIMEOUT, Ledger, Probe, ProbeKind
+from mkdaemon.client.linktest.probes import Ledger, Probe, ProbeKind
 from mkdaemon.errors import ConfigError
-from mkdaemon.link.session.evidence import RoundTrips
 from mkdaemon.protocol.messages import ControlConfirm, Echo, EchoRequest, ExternControlV3, VersionRequest
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.traffic import FrameSample
@@ -57,35 +50,6 @@ def line():
     return Line()
 
 
-def test_a_link_test_is_answered_lost_or_still_open(line):
-    line.ask(1, 10.0)
-    line.answer(1, 10.02)
-    line.ask(2, 10.1, "request")
-    line.ask(3, 10.4)
-    assert line.ledger.probes() == [
-        Probe(ProbeKind.ECHO, 0.0, pytest.approx(0.02)),
-        Probe(ProbeKind.ECHO, pytest.approx(0.1), None),
-    ]
-    assert line.ledger.counts() == (2, 1)
-    assert line.ledger.elapsed == pytest.approx(0.4)
-
-
-def test_an_answer_after_the_time_out_is_late_and_its_test_lost(line):
-    line.ask(1, 0.0)
-    line.answer(1, TIMEOUT + 0.001)
-    line.answer(1, TIMEOUT + 0.002)
-    assert line.trips() == [None]
-
-
-def test_after_the_end_only_answers_count(line):
-    line.ask(1, 0.0)
-    line.ledger.end()
-    line.ask(2, 0.1)
-    line.answer(1, 0.11)
-    line.answer(2, 0.12)
-    assert line.trips() == [pytest.approx(0.11)]
-
-
 def test_a_flightctrl_is_tested_by_version_requests_of_the_prober_alone(line):
     for at, purpose in ((0.0, "echo"), (0.5, "request")):
         line.ledger.take("tx/fc/version_request", frame(VersionRequest(), at, purpose))
@@ -118,43 +82,6 @@ def test_a_confirmation_that_a_newer_one_replaced_is_lost_with_that_reason(line)
     assert line.trips(ProbeKind.CONTROL) == [None, None, pytest.approx(0.01)]
     sticks = [probe for probe in line.ledger.probes() if probe.kind is ProbeKind.CONTROL]
     assert [probe.is_replaced for probe in sticks] == [False, True, False]
-
-
-def probes(*trips, every=0.1):
-    return [Probe(ProbeKind.ECHO, every * number, trip) for number, trip in enumerate(trips)]
-
-
-def test_figures_of_a_short_measurement_and_of_none():
-    found = measure(probes(0.010, None, None, 0.020, None, 0.060))
-    assert (found.sent, found.lost, found.loss_percent) == (6, 3, 50.0)
-    assert (found.least_ms, found.p50_ms, found.most_ms) == (10.0, 20.0, 60.0)
-    assert found.mean_ms == pytest.approx(30.0)
-    assert found.weighted_ms == pytest.approx(11.25 + (60 - 11.25) / 8)
-    assert (found.mean_run, found.longest_run) == (1.5, 2)
-    assert found.silence == pytest.approx(0.3)
-    found = measure(probes(None))
-    assert (found.p50_ms, found.weighted_ms, found.silence, found.loss_percent) == (None, None, 0.0, 100.0)
-    assert measure([]).loss_percent == 0.0
-
-
-def test_average_and_percentiles_are_those_of_the_daemon():
-    trips = [0.01 * ((7 * number) % 23 + 1) for number in range(200)]
-    daemon = RoundTrips(window=1e9, timeout=10.0)
-    for number, trip in enumerate(trips):
-        daemon.sent(number, float(number))
-        daemon.answered(number, number + trip)
-    theirs, ours = daemon.statistics(300.0), measure(probes(*trips))
-    assert ours.weighted_ms == pytest.approx(theirs.mean_ms)
-    assert (ours.p50_ms, ours.p95_ms, ours.p99_ms) == pytest.approx((theirs.p50_ms, theirs.p95_ms, theirs.p99_ms))
-    assert weighted_averages([8.0, 16.0]) == [8.0, 9.0]
-    assert percentile([], 0.5) is None
-
-
-def test_histogram_and_losses_over_time_keep_what_is_longer_and_parts_without_probes():
-    assert histogram([0.0, 4.9, 5.0, 14.9, 99.0], 5.0, 3) == [2, 1, 2]
-    sent = [Probe(ProbeKind.ECHO, at, trip) for at, trip in ((0.0, 0.01), (1.0, None), (1.5, 0.01), (4.0, None))]
-    assert losses_over_time(sent, 4.0, 4) == [0.0, 0.5, None, 1.0]
-    assert runs_of_losses(sent) == [1, 1]
 
 
 RUNS = [

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 
-from mkdaemon.gateways.foxglove.diagnostics import LOOK_PERIOD, Diagnostics, schema
+from mkdaemon.gateways.foxglove.diagnostics import LOOK_PERIOD, Diagnostics
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.reading.diagnoses import DiagnosticLevel
 from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
 from tests import samples
-from tests.gateways.foxglove.viewer import complaints
 from tests.values import made
 
 NAMES = Names("mk1")
@@ -20,30 +19,10 @@ def shown(value):
     return json.loads(Diagnostics(NAMES)(key_of(value), value))
 
 
-def line_of(value, name):
-    return next(line for line in shown(value)["status"] if line["name"] == name)
-
-
-def test_what_it_stands_on_and_its_time_are_there():
-    status = line_of(samples.link_health(1.0), "link")
-    assert {"key": "echo.p99_ms", "value": "44"} in status["values"]
-    assert {"key": "state.condition", "value": "up"} in status["values"]
-    assert (status["level"], status["hardware_id"]) == (DiagnosticLevel.OK, "mk1")
-    assert all(isinstance(one["value"], str) for one in status["values"])
-    assert not [one["key"] for one in status["values"] if "stamp" in one["key"] or "since" in one["key"]]
-    assert shown(samples.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
-    assert Diagnostics(NAMES)("state/attitude", samples.attitude(1.0)) is None
-
-
 def test_a_check_before_a_flight_is_a_line():
     checks = dict.fromkeys(("name", "reason", "fix"), "x.") | {"state": CheckState.STANDS, "blocks": Blocks.LEASE}
     report = shown(made(ControlPreflight, samples.stamp(1.0), findings=(made(Finding, **checks),)))
     assert [(one["level"], one["message"]) for one in report["status"]] == [(DiagnosticLevel.ERROR, "x. x.")]
-
-
-def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
-    assert (schema().name, schema().encoding) == ("diagnostic_msgs/DiagnosticArray", "jsonschema")
-    assert list(complaints(json.loads(schema().data))) == []
 
 
 def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_with_the_next_look():

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import base64
-import math
 from functools import partial
 
 import foxglove.messages as fg
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mkdaemon.gateways.foxglove import messages
-from mkdaemon.gateways.foxglove.names import LATEST, Names, pose, time_ns, timestamp
+from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.reading import line_of
-from mkdaemon.stamp import Stamp
 from tests import samples
 from tests.gateways.foxglove.viewer import read
 from tests.reading import events
@@ -26,35 +22,6 @@ position = partial(samples.position, 5.0)
 def shown(convert, value, names=ONE):
     message = convert(names, value)
     return read(type(message).get_schema(), message.encode())
-
-
-def test_topics_and_frames_of_several_vehicles_begin_with_their_names():
-    assert (ONE.topic("/tf"), ONE.map, ONE.body, ONE.camera("down")) == ("/tf", "map", "base_link", "camera/down")
-    assert (MANY.topic("/tf"), MANY.map, MANY.home) == ("/mk1/tf", "mk1/map", "mk1/home")
-    assert MANY.camera("down") == "mk1/camera/down"
-
-
-@settings(max_examples=30)
-@given(st.floats(allow_nan=False, allow_infinity=False))
-def test_every_wall_time_becomes_one_that_can_be_said(wall):
-    stamp = Stamp(monotonic=0.0, wall=wall)
-    nanoseconds, said = time_ns(stamp), timestamp(stamp)
-    assert 0 <= nanoseconds <= LATEST
-    assert said.sec * 10**9 + said.nsec == nanoseconds
-    if 0 <= wall < 2**32:
-        assert abs(nanoseconds / 1e9 - wall) < 1e-6
-
-
-@settings(max_examples=30)
-@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
-def test_a_rotation_survives(angles):
-    from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-
-    turn = rotation_from_euler(*angles)
-    found = read(fg.Pose.get_schema(), pose((1.0, 2.0, 3.0), turn).encode())
-    assert found["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
-    back = rotation_from_quaternion(tuple(found["orientation"][axis] for axis in "wxyz"))
-    assert abs(back - turn).max() < 1e-9
 
 
 def test_a_position_is_a_fix_and_home_another_shown_once_and_when_it_changes():
@@ -113,7 +80,3 @@ def test_tags_are_outlined_where_they_are_and_the_vehicle_is_seen_in_the_frame_o
 def test_events_and_refusals_are_lines_of_a_log(event, level):
     found, line = shown(messages.log_line, event), line_of(event)
     assert (found["level"], found["name"], found["message"]) == (level, "mk1", f"{line.text} {line.fix}".strip())
-
-
-def test_what_is_no_event_is_no_line():
-    assert messages.log_line(ONE, samples.attitude(1.0)) is None

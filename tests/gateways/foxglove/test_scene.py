@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mkdaemon.client.place import HOME, SIGMAS
+from mkdaemon.client.place import HOME
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.foxglove.scene import PATH, VehicleScene, ellipsoid, print_of
-from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Poses, Whereabouts
+from mkdaemon.gateways.foxglove.scene import VehicleScene, ellipsoid, print_of
+from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Whereabouts
 from tests import samples
 from tests.gateways.foxglove.viewer import read
 
@@ -48,27 +48,6 @@ def test_the_target_lies_where_its_file_says_and_a_later_tag_on_top(scene):
     low, high = print_of(shape.tags[0], 0.0), print_of(shape.tags[0], 0.001)
     heights = [{point["z"] for point in read(type(part).get_schema(), part.encode())["points"]} for part in low + high]
     assert max(heights[1]) < min(heights[2])
-
-
-def test_vehicle_path_and_ellipsoid_come_with_the_places(scene):
-    scene("", samples.setup(0.9))
-    first = entities(scene, samples.estimate(1.0))
-    assert set(first) == {"vehicle", "ellipse"}
-    assert (first["vehicle"]["frame_id"], first["ellipse"]["frame_id"]) == ("base_link", "map")
-    ball = first["ellipse"]["spheres"][0]
-    assert ball["size"] == pytest.approx({"x": 2 * SIGMAS * 0.02, "y": 2 * SIGMAS * 0.02, "z": 2 * SIGMAS * 0.01})
-    assert ball["pose"]["position"] == pytest.approx({"x": 0.12, "y": -0.05, "z": 2.01})
-    assert entities(scene, samples.estimate(1.02)) == {}
-    second = entities(scene, samples.estimate(1.5, position=(1.0, 0.0, 2.0)))
-    assert set(second) == {"path", "ellipse"}
-    assert [point["x"] for point in second["path"]["lines"][0]["points"]] == [0.12, 1.0]
-
-
-def test_the_path_does_not_grow_for_ever(scene):
-    for place in range(PATH + 10):
-        scene("", samples.estimate(0.25 * place))
-    last = entities(scene, samples.estimate(0.25 * PATH + 100.0))
-    assert len(last["path"]["lines"][0]["points"]) == PATH
 
 
 def test_a_goal_is_shown_for_as_long_as_it_is_told_and_the_fence_as_wide_and_high_as_it_is(scene):
@@ -166,23 +145,3 @@ def test_a_camera_that_looks_down_sees_the_target_ahead_of_it():
     assert mount[:3, 2] == pytest.approx([0.0, 0.0, -1.0])  # forward of the camera is down
     assert mount[:3, 1] == pytest.approx([-1.0, 0.0, 0.0])  # down in its image is backward
     assert edges(frames, samples.setup(1.0, position_flu=None)) == {}
-
-
-@settings(max_examples=30)
-@given(st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 60.0)), max_size=30))
-def test_whatever_comes_when_places_never_go_back(came):
-    where, last = Whereabouts(), float("-inf")
-    makes = (samples.estimate, samples.pose, samples.attitude, samples.position)
-    for kind, at in came:
-        place = where.take(makes[kind](at))
-        if place is not None:
-            assert place.at >= last
-            last = place.at
-
-
-def test_the_pose_is_told_in_the_frame_of_the_target():
-    poses = Poses(ONE)
-    assert poses("", samples.attitude(1.0)) is None
-    found = read(fg.PoseInFrame.get_schema(), poses("", samples.estimate(1.0)))
-    assert (found["frame_id"], found["pose"]["position"]["z"]) == ("pad", 2.01)
-    assert found["timestamp"] == "2023-11-14T22:13:21Z"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import socket
 import time
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
@@ -20,7 +19,6 @@ from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.client import Vehicle
 from mkdaemon.client.player import Player, PlayPace, open_player_session
 from mkdaemon.client.playselection import PlaySelection, RecordedSamples
-from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
 from mkdaemon.gateways.foxglove.exhibit import Feed
 from mkdaemon.gateways.foxglove.server import BACKLOG, serving
@@ -181,17 +179,6 @@ async def test_who_comes_is_given_the_last_values_and_nobody_else(uav):
         assert [line["message"] for line in one.of("/log")] == ["hello", "again"]
 
 
-async def test_values_that_go_back_in_time_begin_anew(uav, viewer):
-    await viewer.subscribe("/pose")
-    await wait_until(lambda: uav.is_watched("control/estimate"))
-    heights = (1.0, 2.0, 3.0)
-    for at, height in zip((100.0, 50.0, 50.1), heights, strict=True):
-        uav.put("control/estimate", samples.estimate(at, position=(0.0, 0.0, height)))
-    await wait_until(lambda: len(viewer.of("/pose")) == len(heights))
-    assert [one["pose"]["position"]["z"] for one in viewer.of("/pose")] == list(heights)
-    assert viewer.times == [nanoseconds(1.7e9 + at) for at in (100.0, 50.0, 50.1)]
-
-
 async def test_vehicles_have_topics_and_frames_of_their_own_and_may_come_later():
     async with flying("one", "two") as (address, one, two), viewing(address) as viewer:
         await viewer.subscribe("/one/tf", "/two/state/attitude", "/two/tf")
@@ -276,30 +263,6 @@ async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing(
     assert [int(one["text"].split()[0]) for one in viewer.of("/event/log")] == list(range(count))
 
 
-def _connections(port):
-    """The sockets of this process that are bound to a port."""
-    for file in Path("/proc/self/fd").iterdir():
-        if file.is_socket():
-            with socket.socket(fileno=os.dup(int(file.name))) as one:
-                if one.family == socket.AF_INET and one.getsockname()[1] == port:
-                    yield one
-
-
-async def test_a_message_does_not_wait_for_the_viewers_word_of_the_one_before(uav, viewer):
-    port = int(uav.shown_at.rpartition(":")[2])
-    is_quick = [one.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for one in _connections(port)]
-    assert len(is_quick) == 2, "the socket that listens, and the viewer's connection"
-    assert all(is_quick)
-
-
-@pytest.mark.parametrize("offered", [["foxglove.sdk.v1"], ["foxglove.websocket.v1", "foxglove.sdk.v1"]])
-async def test_a_viewer_of_the_new_protocol_is_taken(uav, offered):
-    with capture_logs() as logged:
-        async with websockets.connect(uav.shown_at, subprotocols=offered) as viewer:
-            assert viewer.subprotocol == "foxglove.sdk.v1"
-    assert not [one for one in logged if one["event"] == "viewer_refused"]
-
-
 @pytest.mark.parametrize("offered", [["foxglove.websocket.v1"], None])
 async def test_a_viewer_of_the_old_protocol_is_refused_with_the_reason_in_the_log(uav, offered):
     with capture_logs() as logged:
@@ -310,23 +273,3 @@ async def test_a_viewer_of_the_old_protocol_is_refused_with_the_reason_in_the_lo
     assert refused["viewer"].startswith("127.0.0.1:")
     assert "foxglove.sdk.v1" in refused["words"]
     assert "update it" in refused["words"]
-
-
-async def test_an_address_that_is_in_use_is_one_line(uav):
-    port = int(uav.shown_at.rpartition(":")[2])
-    with pytest.raises(ConfigError, match=rf"--port {port}: Address already in use; end what uses it"):
-        async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], port=port):
-            pytest.fail("in use")
-    with pytest.raises(ConfigError, match="--host nonsense"):
-        async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], host="nonsense", port=0):
-            pytest.fail("no such host")
-
-
-def test_nothing_is_left_when_it_ends():
-    async def once():
-        async with flying("mk1") as (address, _), viewing(address) as viewer:
-            await viewer.subscribe("/scene")
-            await asyncio.sleep(0)
-
-    for _ in range(3):
-        asyncio.run(once())

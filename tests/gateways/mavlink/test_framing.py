@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder
-from mkdaemon.gateways.mavlink.signing import AHEAD, Signing, key_from, signing_time
+from mkdaemon.gateways.mavlink.signing import AHEAD, Signing
 
 WALL = 1_700_000_000.0
 KEY = bytes(range(32))
@@ -71,22 +69,6 @@ def test_signed_messages_are_taken_once_and_their_streams_not_remembered_without
 def test_what_is_not_rightly_signed_is_dropped(data):
     found, counts, _ = feed(data, signing=Signing(KEY))
     assert found == [] and counts.unsigned == 1
-
-
-def test_pymavlink_takes_our_signatures_and_we_take_its():
-    theirs = mavlink.MAVLink(None, 255, 190)
-    theirs.signing.secret_key, theirs.signing.sign_outgoing = KEY, True
-    theirs.signing.timestamp = signing_time(WALL)
-    assert len(feed(bytes(PING.pack(theirs)), signing=Signing(KEY))[0]) == 1
-    assert theirs.parse_buffer(Encoder(9, Signing(KEY), 1).encode(PING, WALL))[0].get_signed()
-
-
-@pytest.mark.parametrize(
-    ("text", "key"),
-    [(KEY.hex(), KEY), (f" {KEY.hex()}\n", KEY), ("secret", hashlib.sha256(b"secret").digest())],
-)
-def test_keys(text, key):
-    assert key_from(text) == key
 
 
 def stream(count):

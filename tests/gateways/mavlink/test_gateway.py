@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from itertools import pairwise
 from typing import NamedTuple
 
 import pytest
@@ -35,20 +34,6 @@ def flying(gateway, kind):
     gateway.value_arrived(rig.status(Phase.FLYING, epoch=rig.EPOCH, manoeuvre=kind))
 
 
-@virtually
-async def test_a_heartbeat_a_second_and_streams_at_their_rates(gateway, ears):
-    for _ in range(100):  # five seconds of values at 20 Hz
-        gateway.value_arrived(rig.ATTITUDE)
-        gateway.value_arrived(rig.BATTERY)
-        gateway.value_arrived(rig.status())
-        await beat(ears, 0.05)
-    assert len(ears.named("HEARTBEAT")) == pytest.approx(5, abs=1)
-    assert len(ears.named("ATTITUDE")) == pytest.approx(100, abs=1)
-    assert len(ears.named("ATTITUDE_QUATERNION")) == pytest.approx(50, abs=2)
-    assert len(ears.named("BATTERY_STATUS")) == pytest.approx(5, abs=1)
-    assert len(ears.named("SYS_STATUS")) == pytest.approx(5, abs=1)
-
-
 def on_a_thread(work):
     thread = threading.Thread(target=work)
     thread.start()
@@ -66,21 +51,6 @@ async def test_a_value_is_sent_on_while_the_loop_stands_still_and_what_it_announ
     assert not ears.words
     await asyncio.sleep(0)
     assert "a wire is loose" in ears.words
-
-
-@virtually
-async def test_messages_of_two_threads_leave_in_the_order_of_their_numbers(ears):
-    message = mavlink.MAVLink_ping_message(1, 2, 0, 0)
-
-    def send():
-        for _ in range(500):
-            ears.station.send(message)
-
-    threads = [on_a_thread(send), on_a_thread(send)]
-    for one in threads:
-        one.join()
-    numbers = [message.get_seq() for message in ears.named("PING")]
-    assert len(numbers) == 1000 and all((after - before) % 256 == 1 for before, after in pairwise(numbers))
 
 
 @virtually
@@ -130,20 +100,6 @@ async def test_what_a_ground_station_asks_at_its_connection_is_answered_at_once(
     ears.say(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     assert ears.named("TIMESYNC")[0].ts1 == 77 and ears.named("TIMESYNC")[0].tc1 > 0
     assert ears.named("PING")[0].target_system == 255
-
-
-@pytest.mark.parametrize(
-    ("make", "frame", "words"),
-    [
-        (mavlink.MAVLink_set_position_target_local_ned_message, 0, "frame 0 cannot be flown: LOCAL_NED"),
-        (mavlink.MAVLink_set_position_target_global_int_message, 6, "places on the globe cannot be flown"),
-    ],
-)
-@virtually
-async def test_a_setpoint_that_cannot_be_flown_is_told_once(ears, make, frame, words):
-    for _ in range(20):
-        ears.say(make(0, 1, 1, frame, 0xDF8, *[0] * 11))
-    assert ears.words.count(words) == 1
 
 
 @virtually
@@ -273,23 +229,6 @@ async def test_a_command_is_done_or_refused_in_words(vehicle, gateway, order):
 
 
 @virtually
-async def test_a_setpoint_that_stays_refused_gives_the_lease_back(vehicle, ears):
-    vehicle.refuses = refuse(Token.NO_ESTIMATE)
-    await ears.order(LAND, seconds=3.0)
-    assert ears.acks[-1] == (LAND, DENIED) and vehicle.lease_now is None
-
-
-@virtually
-async def test_a_daemon_that_does_not_begin_is_not_waited_for_without_end(vehicle, ears):
-    vehicle.engages = 10_000
-    await ears.order(LAND)
-    vehicle.lease_now.report(Phase.LEASED, reason="waits for a live stream")
-    await beat(ears, 13.5)
-    assert ears.acks[-1] == (LAND, REJECTED) and vehicle.lease_now is None
-    assert "waits for a live stream" in ears.words
-
-
-@virtually
 async def test_a_landing_goes_on_when_its_station_has_ended_and_ends_well(vehicle, gateway, ears):
     """MAVSDK's own example ends when it has ordered the landing."""
     await ears.order(LAND, seconds=1.0)
@@ -301,16 +240,6 @@ async def test_a_landing_goes_on_when_its_station_has_ended_and_ends_well(vehicl
     assert ears.acks == [(LAND, ACCEPTED)] and "landed" in ears.words and gateway.steering.order is None
 
 
-@pytest.mark.parametrize("phase", [Phase.FLYING, Phase.STALE])
-@virtually
-async def test_who_flew_is_told_why_the_lease_is_lost_and_not_how_the_flight_was_before(vehicle, ears, phase):
-    await ears.order(LAND)
-    vehicle.lease_now.report(phase, reason="as it was before")
-    vehicle.lease_now.lose("no setpoint for 1.0 s")
-    await beat(ears, 0.2)
-    assert ears.words.endswith("the aircraft is the pilot's: no setpoint for 1.0 s")
-
-
 @virtually
 async def test_the_same_command_is_done_once(vehicle, ears):
     vehicle.slow = 1.0
@@ -319,14 +248,6 @@ async def test_the_same_command_is_done_once(vehicle, ears):
     assert ears.acks[0] == (START, IN_PROGRESS) and ears.acks[-1] == (START, ACCEPTED)
     await ears.order(START, confirmation=2, seconds=1.5)
     assert vehicle.done == ["start"] and ears.acks[-1] == (START, ACCEPTED)
-
-
-@virtually
-async def test_a_pause_of_what_is_flown_is_a_hold(vehicle, gateway, ears):
-    await ears.order(LAND)
-    flying(gateway, "land")
-    await ears.order(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0)
-    assert ears.acks[-1] == (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, ACCEPTED) and vehicle.setpoints[-1][1] == "hold"
 
 
 @virtually
@@ -449,17 +370,6 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         "NO POSE FOR 0.6 S, releases in 1.8 s: 3 of 9 link tests unanswered"
         "Gateway flies: hold"
     )
-
-
-@virtually
-async def test_a_new_mode_is_in_a_heartbeat_at_once(gateway, ears):
-    """QGroundControl waits 1.3 s for it."""
-    await beat(ears, 1.3)
-    seen = len(ears.named("HEARTBEAT"))
-    flying(gateway, "land")
-    await beat(ears, 0.1)
-    assert len(ears.named("HEARTBEAT")) == seen + 1
-    assert ears.named("HEARTBEAT")[-1].custom_mode == 4 << 16 | 6 << 24
 
 
 @virtually

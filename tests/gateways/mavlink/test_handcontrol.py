@@ -8,13 +8,11 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink import frames
 from mkdaemon.gateways.mavlink.handcontrol import (
     attitude_target,
     axes_of_manual,
     axes_of_override,
     local_target,
-    speeds,
     sticks,
 )
 from tests.gateways.mavlink.rig import ESTIMATE
@@ -95,11 +93,6 @@ def test_what_a_message_asks_for(message, kind, fields):
         assert found.fields[name] == (wanted if isinstance(wanted, str | None) else pytest.approx(wanted, abs=1e-6))
 
 
-def test_speeds_by_sticks():
-    fields = {"velocity": (1.0, 1.0, 0.5), "frame": "body", "yaw_rate": -0.5}
-    assert speeds(axes_of_manual(manual(1000, -1000, 1000, 500))).fields == fields
-
-
 @pytest.mark.parametrize(
     "message",
     [*(manual(**{axis: 0x7FFF}) for axis in "xyzr"), override(1500, 1500, 0, 1500), override(1, 1500, 1500, 1500)],
@@ -131,37 +124,3 @@ def test_an_offset_needs_a_flight():
     with pytest.raises(MkError, match="needs a flight"):
         local_target(target(POSITION, OFFSET), None)
     assert local_target(target(VELOCITY & ~YAW, LOCAL, yaw=1.0), None).fields["yaw_rate"] == 0.0
-
-
-HALF = math.sqrt(0.5)
-
-
-@pytest.mark.parametrize(
-    ("quaternion", "turned"),
-    [
-        ((1.0, 0.0, 0.0, 0.0), (HALF, 0.0, 0.0, HALF)),  # looks east: heading 90
-        ((HALF, 0.0, 0.0, HALF), (1.0, 0.0, 0.0, 0.0)),  # looks north
-        ((HALF, 0.0, 0.0, -HALF), (0.0, 0.0, 0.0, 1.0)),  # looks south
-    ],
-)
-def test_quaternions(quaternion, turned):
-    found = frames.ned_from_frd(quaternion)
-    assert abs(sum(a * b for a, b in zip(found, turned, strict=True))) == pytest.approx(1.0)
-    assert found[0] >= 0.0
-
-
-def test_a_roll_to_the_right_stays_one_and_the_top_of_a_print_is_ahead():
-    tilt = 0.2
-    north = (HALF, 0.0, 0.0, HALF)
-    rolled = frames.multiplied(north, (math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0))
-    w, x, y, z = frames.ned_from_frd(rolled)
-    assert (w, x, y, z) == pytest.approx((math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0))
-    flu_from_target = (HALF, 0.0, 0.0, -HALF)  # forward is y of the print
-    assert frames.frd_from_local(flu_from_target) == pytest.approx((1.0, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("yaw", "heading"), [(0.0, 9000), (math.pi / 2, 0), (math.pi, 27000), (-math.pi / 2, 18000), (1.570797, 0)]
-)
-def test_headings(yaw, heading):
-    assert frames.heading_cdeg(yaw) == heading

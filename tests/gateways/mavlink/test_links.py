@@ -12,7 +12,6 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from lab.rigs.waiting import wait_for
-from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.addresses import Address, AddressKind
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.links import MOST_STATIONS, Links
@@ -146,21 +145,6 @@ async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch
         assert len(links.stations) <= MOST_STATIONS
 
 
-async def test_silent_connections_make_room_for_one_that_speaks(monkeypatch):
-    monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
-    async with listening(AddressKind.TCP_IN) as (links, came, port):
-        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
-        await wait_for(lambda: len(links.stations) == MOST_STATIONS)
-        await asyncio.sleep(0.06)
-        _, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(bytes_of(BEAT))
-        await wait_for(lambda: came)
-        assert await silent[0][0].read() == b""
-        for _, one in [*silent, (None, writer)]:
-            one.close()
-        await wait_for(lambda: not links.stations)
-
-
 @pytest.mark.parametrize("head", [b"POST / HTTP/1.1\r\nHost: x\r\n\r\n", b"\x16\x03\x01", b"SSH-2.0-x\r\n"])
 async def test_a_connection_that_begins_as_something_else_is_closed_and_not_read(head):
     """What a web page posts holds the bytes that it wants; PARAM_SET reached a board so."""
@@ -184,17 +168,6 @@ async def test_a_serial_line_is_opened_again():
         assert data[7] == mavlink.MAVLINK_MSG_ID_PING
     os.close(first)
     os.close(second)
-
-
-async def test_an_address_in_use_is_one_line():
-    port = free_port()
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", port))
-        taken.listen()
-        links = Links(1, None, lambda *_: None, time.monotonic, time.time)
-        async with asyncio.TaskGroup() as tasks:
-            with pytest.raises(MkError, match=rf"--link tcpin:127.0.0.1:{port} cannot be opened"):
-                await links.open(Address(AddressKind.TCP_IN, "127.0.0.1", port), tasks)
 
 
 async def test_a_program_that_listens_for_tcp_is_connected_to_again_and_again():

@@ -10,16 +10,13 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink.metadata import (
     COMPONENT_METADATA,
-    ComponentMetadata,
     Error,
     FileServer,
     Opcode,
     checksum,
     documents,
 )
-from mkdaemon.gateways.mavlink.parameterids import ids_of
 from mkdaemon.gateways.mavlink.stations import By, Program
-from mkdaemon.protocol.settings import known_revisions
 from tests.gateways.mavlink.rig import virtually
 
 HEAD = struct.Struct("<HBBBBBxI")
@@ -78,20 +75,6 @@ async def test_metadata_is_named_and_read_in_bursts(ears):
     rows = {row["name"]: row for row in found["parameter.json"]["parameters"]}
     assert rows["GYRO_P"]["type"] == "Float" and rows["GYRO_P"]["max"] == 255
     assert rows["GYRO_P"]["longDesc"].startswith("Gyro_P in the firmware.")
-
-
-def test_the_crc_is_the_one_of_mavlink():
-    assert checksum(b"123456789") == 0x2DFD2D88  # CRC-32 of zero, not inverted
-    assert ComponentMetadata(7, b"x").pack(mavlink.MAVLink(None))[7:10] == COMPONENT_METADATA.to_bytes(3, "little")
-
-
-@pytest.mark.parametrize("revision", known_revisions())
-def test_every_parameter_has_help(revision):
-    files = documents(revision)
-    rows = json.loads(files["parameter.json"])["parameters"]
-    assert [row["name"] for row in rows] == [row.id for row in ids_of(revision)]
-    assert all(row["shortDesc"] and row["longDesc"] for row in rows)
-    assert {index["index"] for row in rows for index in row.get("bitmask", ())} <= set(range(8))
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.telemetry.mission import MissionEvent, MissionPoint
 from mkdaemon.telemetry.navi import NaviStage
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -51,18 +50,6 @@ async def test_somebody_elses_list_is_read_from_the_board(vehicle, gateway, ears
     (found,) = await ears.download()
     assert parts([found])[0] == (0, 6, 16, 1, 1, 0.0, 5.0, 0.0, LAT, LON, 7.0) and found.param4 == 90.0
     assert vehicle.done == ["upload", "read"]
-
-
-@virtually
-async def test_on_a_link_with_ardupilots_numbers_item_0_is_home(vehicle, gateway):
-    ears = Ears(gateway, Numbering.ARDUPILOT)
-    home = item(0, frame=0, z=9.0)
-    assert await ears.upload([home, item(1), item(2)]) == [ACCEPTED]
-    assert len(vehicle.points) == 2
-    found = await ears.download()
-    assert [message.seq for message in found] == [0, 1, 2]
-    assert (found[0].frame, found[0].x, found[0].z) == (0, 532_300_000, 9.5)
-    assert parts(found[2:]) == parts([item(2)])
 
 
 @pytest.mark.parametrize(
@@ -161,16 +148,6 @@ async def test_a_list_that_is_flown_is_neither_replaced_nor_cleared(vehicle, gat
     await ears.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), seconds=0.1)
     assert ears.results == [ERROR, DENIED]
     assert vehicle.calls == [] and "being flown" in ears.words
-
-
-@virtually
-async def test_it_is_cleared_by_a_message_and_by_an_empty_upload(vehicle, ears):
-    await ears.upload([item(0)])
-    await ears.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), seconds=0.2)
-    assert ears.results[-1] == ACCEPTED and await ears.download() == [] and vehicle.points == ()
-    await ears.upload([item(0)])
-    assert await ears.upload([]) == [ACCEPTED]
-    assert await ears.download() == [] and vehicle.points == ()
 
 
 @virtually

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink.modes import (
@@ -17,7 +16,6 @@ from mkdaemon.gateways.mavlink.modes import (
     mode_of_custom,
     mode_of_numbers,
     mode_of_standard,
-    number_of,
 )
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.telemetry.control import Phase
@@ -57,18 +55,6 @@ def test_what_it_is_in(values, mode):
     assert mode_now(picture_of(*values)) is mode
 
 
-def test_a_ground_stations_sticks_have_its_mode_while_they_are_flown():
-    flown = picture_of(rig.flight(), rig.status(Phase.FLYING, manoeuvre="velocity"))
-    assert mode_now(flown, Mode.POSITION) is Mode.POSITION
-    assert mode_now(picture_of(rig.flight(), rig.status()), Mode.POSITION) is Mode.STABILIZED
-
-
-@pytest.mark.parametrize("numbering", Numbering)
-@pytest.mark.parametrize("mode", Mode)
-def test_every_number_comes_back_as_its_mode(numbering, mode):
-    assert mode_of_custom(numbering, number_of(mode, numbering)) is mode
-
-
 def test_numbers_nobody_flies_are_no_modes_and_all_others_have_a_name():
     assert mode_of_custom(Numbering.ARDUPILOT, 18) is None
     assert mode_of_custom(Numbering.PX4, 8 << 16) is None
@@ -81,15 +67,6 @@ def test_numbers_nobody_flies_are_no_modes_and_all_others_have_a_name():
     assert {row.number_modes for row in rows} == {len(Mode)}
     assert available_mode(0, Numbering.PX4) is None and available_mode(len(ROWS) + 1, Numbering.PX4) is None
     assert current_mode(Mode.LAND, Numbering.ARDUPILOT).custom_mode == 9
-
-
-@pytest.mark.parametrize(
-    ("mode", "name"),
-    [(Mode.STABILIZED, "STABILIZE"), (Mode.HOLD, "LOITER"), (Mode.OFFBOARD, "GUIDED"), (Mode.LAND, "LAND"),
-     (Mode.RETURN, "RTL"), (Mode.MISSION, "AUTO"), (Mode.ALTITUDE, "ALT_HOLD"), (Mode.POSITION, "POSHOLD")],
-)  # fmt: skip
-def test_pymavlink_names_the_numbers_of_a_link_with_ardupilots(mode, name):
-    assert mavutil.mode_string_v10(heartbeat(picture_of(rig.flight()), mode, Numbering.ARDUPILOT)) == name
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,8 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import ids_of, short, value_of
 from mkdaemon.protocol.settings import ParameterSet, known_revisions
-from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink.rig import RAW, Ears, FakeVehicle, beat, flight, serving, virtually
 
 IDS = ids_of(RAW[0])
@@ -24,13 +21,6 @@ def ask_all(ears):
 
 def write(ears, name, value, kind=mavlink.MAV_PARAM_TYPE_REAL32):
     ears.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
-
-
-@pytest.mark.parametrize("revision", known_revisions())
-def test_ids_are_short_and_one_each(revision):
-    ids = [parameter.id for parameter in ids_of(revision)]
-    assert ids and len(set(ids)) == len(ids) and max(map(len, ids)) <= 16
-    assert all(name.isascii() and name.upper() == name for name in ids)
 
 
 def test_ids_never_change():
@@ -53,49 +43,6 @@ async def test_all_are_read(ears):
     assert [message.param_index for message in found.values()] == list(range(len(found)))
     assert found["MK_ACTIVE_SET"].param_value == 3
     assert {message.param_type for message in found.values()} == {mavlink.MAV_PARAM_TYPE_REAL32}
-
-
-@virtually
-async def test_two_that_ask_at_once_are_read_for_once_and_again_later(vehicle, gateway):
-    ears, other = Ears(gateway), Ears(gateway)
-    for one in (ears, other, ears):
-        ask_all(one)
-    await beat(ears, 2.0)
-    assert vehicle.done == ["backup"]
-    await beat(ears, 10.0)
-    ask_all(ears)
-    await beat(ears, 1.0)
-    assert vehicle.done == ["backup", "backup"]
-
-
-@pytest.mark.parametrize(
-    ("raw", "refusals"),
-    [(bytes([250, 1, 2]), {}), (RAW, {"backup": refuse(Token.MOTORS_NOT_KNOWN_OFF, name="settings_backup")})],
-    ids=["a set that nobody knows by name", "in flight"],
-)
-@virtually
-async def test_without_settings_there_is_an_answer_too(vehicle, ears, raw, refusals):
-    vehicle.raw, vehicle.refusals = raw, refusals
-    ask_all(ears)
-    write(ears, "GYRO_P", 1.0)
-    await beat(ears, 0.3)
-    assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")[:2]] == [
-        ("MK_ACTIVE_SET", 2),
-        ("MIS_TAKEOFF_ALT", 2),
-    ]
-    assert ("no settings yet" in ears.words) is bool(refusals) and "write" not in vehicle.done
-
-
-@virtually
-async def test_one_is_read_by_name_and_by_number(ears):
-    await ears.ask(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1), seconds=0.2)
-    first = ears.named("PARAM_VALUE")[0]
-    ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", first.param_index))
-    for name, index in ((b"NOBODY", -1), (b"", 999)):
-        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
-    await beat(ears, 0.2)
-    assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["GYRO_P", "GYRO_P"]
-    assert [(m.param_id, m.error) for m in ears.named("PARAM_ERROR")] == [("NOBODY", NOT_THERE), ("", NOT_THERE)]
 
 
 def bits(number):
@@ -155,17 +102,6 @@ async def test_a_slow_write_answers_with_the_old_value_and_with_the_new_one_when
     assert vehicle.done.count("write") == 1
 
 
-@pytest.mark.parametrize("refusal", [refuse(Token.FLYING, holder="x"), MkError("the line is down")])
-@virtually
-async def test_in_flight_a_write_is_refused_in_the_daemons_words(vehicle, ears, tmp_path, refusal):
-    vehicle.refusals["write"] = refusal
-    write(ears, "GYRO_P", 81.0)
-    await beat(ears, 0.3)
-    assert [m.error for m in ears.named("PARAM_ERROR")] == [DENIED]
-    assert [m.param_value for m in ears.named("PARAM_VALUE")] == [ParameterSet(RAW)["gyro_p"]]
-    assert "GYRO_P is not written" in ears.words
-
-
 @virtually
 async def test_without_a_backup_nothing_is_written(tmp_path):
     blocked = tmp_path / "file"
@@ -188,17 +124,3 @@ async def test_the_height_of_a_take_off_is_a_parameter_of_the_gateway(vehicle, g
     gateway.value_arrived(flight(is_flying=False))
     await ears.order(mavlink.MAV_CMD_NAV_TAKEOFF, seconds=1.0)
     assert {fields["height"] for _, kind, fields in vehicle.setpoints if kind == "takeoff"} == {3.5}
-
-
-@virtually
-async def test_a_link_that_says_px4_has_the_height_of_a_return(vehicle, gateway, tmp_path):
-    """MAVSDK 4.1 asks a PX4 for it in its example of a take-off."""
-    ears, px4 = Ears(gateway), Ears(gateway, Numbering.AS_PX4)
-    for one in (ears, px4):
-        one.say(mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_RETURN_ALT", -1))
-    await beat(px4, 0.2)
-    assert [m.error for m in ears.named("PARAM_ERROR")] == [NOT_THERE]
-    assert [m.param_value for m in px4.named("PARAM_VALUE")] == [ParameterSet(RAW)["coming_home_altitude"]]
-    write(px4, "RTL_RETURN_ALT", 30.0)
-    await beat(px4, 0.5)
-    assert vehicle.calls[-1][1][0] == {"coming_home_altitude": 30}

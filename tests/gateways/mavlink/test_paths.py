@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from functools import partial
 
 import pytest
@@ -21,7 +20,6 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.mission import MissionPoint
 from mkdaemon.telemetry.path import MOST_PIECES, PathFlown, PathUploadRequest
-from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import NAN, Ears, FakeVehicle, beat, parts, virtually
 
@@ -144,21 +142,6 @@ async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcon
 
 
 @before_a_daemon
-async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(vehicle, gateway, ears):
-    await ears.upload(SQUARE)
-    await ears.order(START)
-    flies(vehicle, gateway, 0.9)
-    await beat(ears, 1.0)
-    assert shown(ears)[0] == 4
-    await ears.order(STAY, seconds=1.0)
-    assert vehicle.setpoints[-1][1] == "hold" and shown(ears) == (0, NOT_STARTED, 2)
-    await ears.order(PAUSE, 1, seconds=0.2)
-    assert ears.acks[-1] == (PAUSE, 2) and "begins at its first point" in ears.words
-    await ears.order(START, seconds=1.0)
-    assert vehicle.setpoints[-1][2]["run"] == 2 and shown(ears)[0] == 0
-
-
-@before_a_daemon
 async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(vehicle, gateway, ears):
     other = Ears(gateway, program=(254, 190))
     await ears.upload(SQUARE)
@@ -188,17 +171,6 @@ async def test_it_leaves_the_list_of_the_navictrl_and_a_clear_shows_that_again(v
     assert vehicle.done == ["path", "read"]
 
 
-@before_a_daemon
-async def test_a_list_takes_its_place(vehicle, gateway, ears):
-    await ears.upload(SQUARE)
-    vehicle.paths = None
-    vehicle.waypoints = rig._Calls(vehicle)
-    assert await ears.upload([rig.item(0)]) == [ACCEPTED]
-    assert len(await ears.download()) == 1
-    await ears.order(START, seconds=0.3)
-    assert vehicle.done == ["path", "upload", "start"]
-
-
 REFUSED = [
     ([SQUARE[0]], INVALID, "a path has at least two points"),
     ([item(k, k % 2) for k in range(MOST_PIECES + 1)], NO_SPACE, f"a path has at most {MOST_PIECES}"),
@@ -223,30 +195,6 @@ def test_what_no_path_can_have_is_named(items, result, words):
     assert error.value.result == result and words in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("items", "result", "words"),
-    [
-        ([item(0, frame=20), item(1, frame=20)], FRAME, "item 0: frame 20 cannot be flown"),
-        ([item(0, -4.0), speed(1, 4.0), item(2, 4.0)], INVALID, "max_speed is 1.20. Slow the path down by"),
-        ([item(0), item(1, 9.0)], INVALID, "fence_radius. Move it inside"),
-    ],
-)
-@before_a_daemon
-async def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_before_stays(ears, items, result, words):
-    await ears.upload(SQUARE)
-    assert await ears.upload(items) == [result]
-    assert words in ears.words
-    assert len(await ears.download()) == len(SQUARE)
-
-
-@before_a_daemon
-async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(vehicle, gateway, ears):
-    await ears.upload(SQUARE)
-    vehicle.refuses, vehicle.engages = refuse(Token.NO_PATH, path="p", kept=16), 10_000
-    await ears.order(START, seconds=3.0)
-    assert ears.acks[-1] == (START, 2) and "Upload the mission again." in ears.words
-
-
 @before_a_daemon
 async def test_it_begins_with_its_first_item_only_and_again_after_an_abort_of_the_daemon(vehicle, gateway, ears):
     await ears.upload(SQUARE)
@@ -258,22 +206,6 @@ async def test_it_begins_with_its_first_item_only_and_again_after_an_abort_of_th
     vehicle.lease_now.report(Phase.ABORTED, aborts=1)
     await ears.order(START)
     assert vehicle.setpoints[-1][2]["run"] == 2
-
-
-@pytest.mark.parametrize(
-    ("frame", "place", "heading", "position", "yaw"),
-    [
-        (NED, (1.0, 2.0, -3.0), 0.0, (2.0, 1.0, 3.0), math.pi / 2),
-        (NED, (1.0, 2.0, -3.0), 90.0, (2.0, 1.0, 3.0), 0.0),
-        (ENU, (1.0, 2.0, 3.0), 180.0, (1.0, 2.0, 3.0), -math.pi / 2),
-        (ENU, (1.0, 2.0, 3.0), NAN, (1.0, 2.0, 3.0), None),
-    ],
-)
-def test_axes_and_headings(frame, place, heading, position, yaw):
-    items = [item(seq, *place, frame=frame, params=(0.0, 0.0, 0.0, heading)) for seq in range(2)]
-    points, flown = points_of(items, 0, 0)
-    assert points[0].position == position and points[1].speed == SPEED and flown == (0, 1)
-    assert points[0].yaw == (None if yaw is None else pytest.approx(yaw))
 
 
 def test_speeds_last_until_the_next_and_ardupilot_counts_airspeed_too():
@@ -322,15 +254,3 @@ async def test_items_that_are_lost_repeated_or_out_of_order_make_the_same_path(v
     assert await uploading == [ACCEPTED]
     assert len(vehicle.stored) == 1
     assert [m.seq for m in await other.download()] == list(range(len(SQUARE)))
-
-
-@pytest.fixture
-def named_target(monkeypatch):
-    monkeypatch.setattr(rig, "Options", partial(rig.Options, target="pad-b"))
-
-
-@before_a_daemon
-async def test_a_named_target_is_flown_by(vehicle, ears, named_target):
-    await ears.upload(SQUARE)
-    await ears.order(START)
-    assert vehicle.setpoints[-1][2]["target"] == "pad-b"

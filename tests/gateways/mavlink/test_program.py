@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import builtins
 import signal
-import sys
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
 from mkdaemon.cli.interrupts import run_until_asked_to_end
-from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.boardset import backups_folder
-from mkdaemon.gateways.mavlink.addresses import DEFAULTS, Address, AddressKind, check_addresses, read_address
+from mkdaemon.gateways.mavlink.addresses import Address, AddressKind, check_addresses, read_address
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.program import options_from, serve
 from tests.gateways.mavlink.rig import FakeVehicle
@@ -24,12 +21,6 @@ from tests.gateways.mavlink.test_links import free_port
 
 def options(*links, system=1, key=None, allow_open=False):
     return options_from(links, system, key, None, allow_open=allow_open)
-
-
-def test_without_links_the_usual_ones_of_this_machine():
-    assert tuple(map(str, options().addresses)) == DEFAULTS
-    assert options().signing is None
-    check_addresses(tuple(map(read_address, DEFAULTS)), has_key=False, allow_open=False)
 
 
 @pytest.mark.parametrize("system", [0, 251, -1])
@@ -62,20 +53,6 @@ def test_where_settings_are_saved(monkeypatch):
     monkeypatch.delenv("STATE_DIRECTORY")
     monkeypatch.setenv("XDG_STATE_HOME", "/home/somebody/state")
     assert backups_folder("mavlink") == Path("/home/somebody/state/mkdaemon/gateway-mavlink")
-
-
-def test_without_pymavlink_it_names_the_extra(monkeypatch):
-    genuine = builtins.__import__
-
-    def refuse(name, *rest, **options):
-        if name.startswith("mkdaemon.gateways.mavlink"):
-            raise ModuleNotFoundError("no", name="pymavlink.dialects")
-        return genuine(name, *rest, **options)
-
-    monkeypatch.delitem(sys.modules, "mkdaemon.gateways.mavlink.program")
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(ConfigError, match=r"pip install 'mkdaemon\[mavlink\]'"):
-        command()
 
 
 @asynccontextmanager

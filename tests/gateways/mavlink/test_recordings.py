@@ -92,11 +92,3 @@ async def test_a_download_ends_when_it_is_asked_to(folder):
         sent = len(ears.named("LOG_DATA"))
         await beat(ears, 0.5)
         assert 0 < sent == len(ears.named("LOG_DATA")) < 2000
-
-
-@virtually
-async def test_where_there_are_none_it_is_said():
-    async with serving(values=(*rig.EVERYTHING, status("/nowhere/mk1-20260101T000000Z-000.mcap"))) as gateway:
-        ears = Ears(gateway)
-        await ask_list(ears)
-        assert [entry.num_logs for entry in ears.named("LOG_ENTRY")] == [0] and "no recordings" in ears.words

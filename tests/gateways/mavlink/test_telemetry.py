@@ -9,7 +9,6 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.telemetry import TABLE
-from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import GpsFix
 from tests.gateways.mavlink import rig
 
@@ -93,31 +92,6 @@ def picture():
     return made
 
 
-@pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
-def test_nothing_known_and_a_stale_value_are_not_sent(picture, name):
-    assert TABLE[name].make(LinkPicture()) is None
-    picture.now = 15.0
-    assert TABLE[name].make(picture) is None
-
-
-def test_an_old_last_value_is_as_old_as_it_is():
-    picture = LinkPicture()
-    picture.take(rig.ATTITUDE, 10.0, age=1.4)
-    assert TABLE["ATTITUDE"].make(picture) is not None
-    picture.now = 10.2
-    assert TABLE["ATTITUDE"].make(picture) is None
-
-
-def test_sensors_are_present_once_seen_and_healthy_while_fresh(picture):
-    gps, prearm = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_PREARM_CHECK
-    now = TABLE["SYS_STATUS"].make(picture)
-    assert now.onboard_control_sensors_health & (gps | prearm) == gps | prearm
-    picture.now = 20.0
-    later = TABLE["SYS_STATUS"].make(picture)
-    assert later.onboard_control_sensors_present & gps
-    assert later.onboard_control_sensors_health == mavlink.MAV_SYS_STATUS_GEOFENCE  # else MAVProxy says "breach"
-
-
 @pytest.mark.parametrize(
     ("name", "value", "fields"),
     [
@@ -148,28 +122,3 @@ def test_home_keeps_its_height_and_without_one_no_position_is_sent():
     assert sent("HOME_POSITION", rig.POSITION, moved).altitude == 17_000
     place = rig.POSITION.model_copy(update={"altitude": None})
     assert sent("GLOBAL_POSITION_INT", place, rig.VELOCITY) is None and sent("HOME_POSITION", place) is None
-
-
-@pytest.mark.parametrize(
-    ("values", "state"),
-    [
-        ((rig.flight(is_flying=None),), 0),
-        ((rig.flight(motors_running=False, is_flying=False),), 1),
-        ((rig.flight(),), 2),
-        ((rig.flight(is_flying=False), rig.status(Phase.FLYING, manoeuvre="takeoff")), 3),
-        ((rig.flight(), rig.status(Phase.FLYING, manoeuvre="takeoff", is_done=True)), 2),
-        ((rig.flight(), rig.status(Phase.FLYING, manoeuvre="land")), 4),
-        ((rig.flight(emergency_landing=True),), 4),
-    ],
-)
-def test_between_ground_and_air(values, state):
-    assert sent("EXTENDED_SYS_STATE", *values).landed_state == state
-
-
-def test_covariance_follows_the_axes():
-    """East and north change places; the variances of a level aircraft that looks east turn with it."""
-    message = sent("ODOMETRY", rig.POSE)
-    found = iter(message.pose_covariance)
-    matrix = [[next(found) if column >= row else 0.0 for column in range(6)] for row in range(6)]
-    # Rotation about north is 5 and about east 4; it looks east (x of the print), so its roll is about east.
-    assert [round(matrix[index][index], 5) for index in range(6)] == [2.0, 1.0, 3.0, 4.0, 5.0, 6.0]

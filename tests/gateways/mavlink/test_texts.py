@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.gateways.mavlink.texts import CRITICAL, ERROR, INFO, NOTICE, WARNING, Texts, text_of
-from mkdaemon.reading import line_of
-from tests.gateways.mavlink.rig import ATTITUDE
-from tests.reading import events
+from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Texts
 
 
 @pytest.mark.parametrize("length", [0, 1, 49, 50, 51, 99, 100, 101, 399, 400])
@@ -35,15 +32,3 @@ def test_other_letters_are_question_marks_a_longer_one_ends_in_dots_and_the_same
     for number in range(1000):
         texts.pieces(INFO, f"{number}", 5.0)
     assert len(texts._sent) == 64
-
-
-@pytest.mark.parametrize(
-    ("event", "severity"),
-    [
-        (events.FAILSAFE, CRITICAL), (events.MODE, NOTICE), (events.ERROR, ERROR), (events.INFO, INFO),
-        (events.WARNING, WARNING), (events.UPLOADED, NOTICE),
-    ],
-)  # fmt: skip
-def test_events(event, severity):
-    assert text_of(event) == (severity, line_of(event).text)
-    assert text_of(ATTITUDE) is None and text_of(events.RUNNING) is None

@@ -11,17 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from mkdaemon.gateways.ros2 import conversions, diagnostics
-from mkdaemon.gateways.ros2.messages import Frames, name_part, time
+from mkdaemon.gateways.ros2 import conversions
+from mkdaemon.gateways.ros2.messages import Frames
 from mkdaemon.reading import line_of
-from mkdaemon.reading.diagnoses import PARTS, Diagnosis, DiagnosticLevel
-from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import GpsFix
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests import samples
-from tests.gateways.ros2.bagtypes import BagTypes, scene, through_cdr
+from tests.gateways.ros2.bagtypes import scene, through_cdr
 from tests.reading import events
-from tests.reading.knownflight import KNOWN
 
 SECONDS = (1_700_000_100, 500_000_000)
 """Stamp of a sample, and nanoseconds of it."""
@@ -105,13 +101,6 @@ def test_what_cannot_be_said_makes_no_message(convert, value):
     assert convert(value, scene()) is None
 
 
-def test_no_position_is_told_while_the_board_has_none_and_not_else():
-    made = through_cdr(conversions.no_fix(samples.gps(fix=GpsFix.NONE), scene()), "sensor_msgs/msg/NavSatFix")
-    assert made.status.status == -1
-    assert math.isnan(made.latitude)
-    assert math.isnan(made.longitude)
-
-
 @given(roll=tilts, pitch=tilts, yaw=angles)
 def test_an_imu_turns_as_the_aircraft_enu_from_flu(roll, pitch, yaw):
     made = through_cdr(
@@ -135,13 +124,6 @@ def test_an_imu_has_the_rates_between_two_attitudes(roll, pitch, yaw, rates, pas
     found = (made.angular_velocity.x, made.angular_velocity.y, made.angular_velocity.z)
     assert found == pytest.approx(rates, abs=1e-5)
     assert made.angular_velocity_covariance[0] == pytest.approx((math.radians(1.0) / passed) ** 2 / 6)
-
-
-def test_an_imu_has_no_rates_after_a_gap_or_without_a_new_attitude():
-    first = samples.attitude()
-    for passed in (0.0, 0.6, -1.0):
-        made = conversions.imu(samples.attitude(samples.AT + passed), scene({"state/attitude": first}))
-        assert made.angular_velocity_covariance[0] == -1.0
 
 
 def test_a_battery_discharges_with_a_negative_current():
@@ -217,13 +199,6 @@ def test_targets_hang_under_their_cameras_and_mounts_are_sent_whole_every_time()
     }
 
 
-def test_the_body_is_where_position_and_attitude_of_one_moment_say():
-    known = scene({"state/attitude": samples.attitude(samples.AT + 0.1, yaw=1.0)})
-    moved = edges_of(conversions.place(samples.position(), known))["odom", "base_link"]
-    assert (moved.translation.x, moved.translation.y, moved.translation.z) == (1.0, 2.0, 3.0)
-    assert conversions.yaw_of(moved.rotation) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize(
     ("position", "latest"),
     [
@@ -237,40 +212,12 @@ def test_the_body_is_nowhere_where_something_is_missing(position, latest):
     assert conversions.place(position, scene(latest)) is None
 
 
-def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
-    lost = samples.raw(raw=b"#\x00\xff", dropped="checksum")
-    made = through_cdr(conversions.raw_frame(lost, scene()), "std_msgs/msg/UInt8MultiArray")
-    assert bytes(made.data) == b"#\x00\xff"
-    assert {one.label: one.size for one in made.layout.dim} == {
-        "bytes": 3,
-        "stamp.sec": SECONDS[0],
-        "stamp.nanosec": SECONDS[1],
-        "sequence": 7,
-        "dropped=checksum": 1,
-        "purpose=": 0,
-    }
-
-
 @pytest.mark.parametrize(
     ("event", "level"), [(events.WARNING, 30), (events.FAILSAFE, 40), (events.REFUSED, 40), (events.MODE, 20)]
 )
 def test_events_are_lines_of_a_log(event, level):
     made, line = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log"), line_of(event)
     assert (made.level, made.name, made.msg) == (level, "mk1", f"{line.text} {line.fix}".strip())
-
-
-@given(st.floats(-1e12, 1e12))
-def test_any_moment_has_a_stamp_that_ros_can_have(wall):
-    made = time(BagTypes(), Stamp(monotonic=0.0, wall=wall))
-    assert 0 <= made.sec <= (1 << 31) - 1
-    assert 0 <= made.nanosec < 1_000_000_000
-    if 0.0 <= wall < 2e9:
-        assert made.sec + made.nanosec * 1e-9 == pytest.approx(wall, abs=1e-6)
-
-
-@pytest.mark.parametrize(("name", "part"), [("cyberquad-2", "cyberquad_2"), ("2nd", "mk_2nd"), ("down", "down")])
-def test_names_become_names_that_ros_takes(name, part):
-    assert name_part(name) == part
 
 
 def test_a_jpeg_goes_as_it_came_and_decoded_and_every_image_has_its_calibration_with_its_own_stamp():
@@ -283,16 +230,6 @@ def test_a_jpeg_goes_as_it_came_and_decoded_and_every_image_has_its_calibration_
     known = scene({"vision/down/setup": samples.setup()})
     shown, told = conversions.image(samples.image(), known), conversions.info_of_image(samples.image(), known)
     assert shown.header.stamp == told.header.stamp
-
-
-@pytest.mark.parametrize(("model", "word"), [("pinhole", "plumb_bob"), ("fisheye", "equidistant")])
-def test_a_calibration_is_told_as_its_file_has_it(model, word):
-    lens = samples.LENS.model_copy(update={"model": model, "fy": 399.0, "distortion": (-0.12, 0.02, 0.0, 0.0, 0.0)})
-    made = through_cdr(conversions.info(samples.setup(lens=lens), scene()), "sensor_msgs/msg/CameraInfo")
-    assert made.distortion_model == word
-    assert list(made.k) == [400.0, 0.0, 319.5, 0.0, 399.0, 239.5, 0.0, 0.0, 1.0]
-    assert list(made.p[:4]) == [400.0, 0.0, 319.5, 0.0]
-    assert list(made.d) == [-0.12, 0.02, 0.0, 0.0, 0.0]
 
 
 def test_detections_have_corners_from_bottom_left_counter_clockwise_and_markers_outline_every_tag():
@@ -318,59 +255,3 @@ def test_the_homography_carries_the_ideal_corners_to_those_seen(shifts):
     for (x, y), seen in zip(((-1, 1), (1, 1), (1, -1), (-1, -1)), reversed(corners), strict=True):
         u, v, w = matrix @ [x, y, 1.0]
         assert (u / w, v / w) == pytest.approx(seen, abs=1e-6)
-
-
-FINE = {
-    "health": samples.alive(),
-    "link/health": samples.link_health(),
-    "state/battery": samples.battery(),
-    "state/flight": KNOWN["state/flight"].model_copy(update={"stamp": samples.stamp()}),
-    "state/pilot": samples.pilot(),
-    "record/status": samples.recorder(),
-    "control/status": samples.status(phase="free", lease=None, manoeuvre=None),
-    "vision/down/stats": samples.eyes(),
-}
-
-
-def look(latest, later=0.0):
-    mine = Diagnosis("gateway", DiagnosticLevel.OK, "no client flies", {"flown": ""})
-    made = diagnostics.report(scene(latest), samples.stamp(samples.AT + later), mine)
-    read = through_cdr(made, "diagnostic_msgs/msg/DiagnosticArray")
-    return {status.name: status for status in read.status}
-
-
-def test_all_is_well():
-    found = look(FINE)
-    assert list(found) == [f"mk1: {name}" for name in ("verdict", *PARTS, "camera down", "gateway")]
-    assert {status.level for status in found.values()} == {DiagnosticLevel.OK}
-    assert {value.key: value.value for value in found["mk1: link"].values}["echo.p50_ms"] == "20"
-
-
-def test_what_is_old_or_was_never_heard_is_stale():
-    old = look(FINE, later=10.0)
-    assert {old[f"mk1: {name}"].level for name in PARTS} == {DiagnosticLevel.STALE}
-    assert (old["mk1: verdict"].level, "silent for 10 s" in old["mk1: verdict"].message) == (
-        DiagnosticLevel.ERROR,
-        True,
-    )
-    assert old["mk1: gateway"].level == DiagnosticLevel.OK
-    assert "STALE 10 s: " in old["mk1: control"].message
-    silent = look({})
-    assert (silent["mk1: link"].level, silent["mk1: link"].message) == (DiagnosticLevel.STALE, "not known")
-    assert "mk1: camera down" not in silent, "no camera is no fault"
-
-
-def test_the_age_of_another_machines_value_is_by_the_wall_clock():
-    elsewhere = samples.stamp(boot="b").model_copy(update={"monotonic": 5.0})
-    value = samples.status().model_copy(update={"stamp": elsewhere})
-    assert look({**FINE, "control/status": value}, later=1.0)["mk1: control"].level == DiagnosticLevel.OK
-    assert look({**FINE, "control/status": value}, later=5.0)["mk1: control"].level == DiagnosticLevel.STALE
-
-
-def test_the_status_of_the_lease_says_how_a_manoeuvre_stands():
-    value = samples.status(manoeuvre="takeoff", stage="climbs", is_done=False)
-    made = through_cdr(diagnostics.control_status(value, scene()), "diagnostic_msgs/msg/DiagnosticStatus")
-    said = {pair.key: pair.value for pair in made.values}
-    assert made.hardware_id == "mk1" and "flies" in made.message
-    assert (said["phase"], said["manoeuvre"], said["stage"]) == ("flying", "takeoff", "climbs")
-    assert "outcome" not in said

@@ -146,24 +146,6 @@ async def test_a_lost_lease_is_not_taken_again_by_a_stream_that_goes_on(deck, ua
     assert (await uav.end())[0] == 2
 
 
-@flown(CommandRejectedError("lease_held", "somebody flies.", "wait"))
-async def test_a_refused_lease_is_asked_for_once(deck, uav):
-    await stream(deck, 3.0)
-    assert deck.flown == ""
-    assert "somebody flies" in deck.note
-    assert (await uav.end())[0] == 0
-
-
-@flown()
-async def test_the_topic_that_flies_is_not_disturbed_by_the_other(deck, uav):
-    await stream(deck, 0.5)
-    deck.command_arrived(deck.pose, "position", {})
-    assert deck.flown == "cmd_vel"
-    assert "setpoint_pose is left out" in deck.note
-    await uav.end()
-    assert {kind for kind, _ in uav.daemon.lease.streamed} == {"velocity"}
-
-
 PATH = PathUploadRequest(points=(PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(position=(1.0, 0.0, 2.0), time=4.0)))
 
 
@@ -230,26 +212,6 @@ async def test_the_pad_takes_over_from_a_stream_and_from_a_verb(deck, uav):
     with pytest.raises(MkError, match="the pad of joy flies"):
         await deck.land()
     assert (await uav.end())[0] == 1, "the aircraft is not released in between"
-
-
-@flown(newest={"state/flight": SimpleNamespace(is_flying=False)})
-async def test_on_the_ground_the_thrust_stick_must_be_at_its_lowest(deck, uav):
-    await press_enable(deck)
-    assert deck.flown == ""
-    assert "lowest" in deck.note
-
-
-@flown(hold_for=5.0)
-async def test_take_off_holds_then_lands_when_nobody_flies_on(deck, uav):
-    assert "at 1.5 m; holds for 5 s" in await deck.take_off()
-    assert deck.flown == "hold"
-    await asyncio.sleep(4.5)
-    assert uav.daemon.lease.flown == ["take_off 1.5", "hold"]
-    await asyncio.sleep(2.0)
-    assert deck.flown == ""
-    await uav.end()
-    assert uav.daemon.lease.flown == ["take_off 1.5", "hold", "land"]
-    assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
 
 
 @flown()

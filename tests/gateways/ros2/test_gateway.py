@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from contextlib import asynccontextmanager
 from types import SimpleNamespace
 
@@ -150,19 +149,6 @@ async def test_a_gateway_that_only_shows_offers_nothing_that_flies():
         assert "release" in node.services
 
 
-async def test_a_call_under_way_is_answered_when_the_gateway_ends():
-    node, replies = Node(), []
-    async with running(node) as run:
-        run.daemon.engages = None
-        thread = threading.Thread(target=lambda: replies.append(node.services["hold"](None)), daemon=True)
-        thread.start()
-        await wait_for(lambda: run.gateway.deck.flown)
-        run.task.cancel()
-        await asyncio.gather(run.task, return_exceptions=True)
-        await asyncio.to_thread(thread.join, 5.0)
-    assert [reply["success"] for reply in replies] == [False]
-
-
 async def test_what_waits_for_a_board_is_answered_at_once_when_the_gateway_ends(monkeypatch):
     asked = asyncio.Event()
 
@@ -178,16 +164,6 @@ async def test_what_waits_for_a_board_is_answered_at_once_when_the_gateway_ends(
         run.gateway.end_calls()
         assert (await waiting)["message"] == "the gateway ends"
         assert (await called(node, "preflight"))["message"] == "the gateway ends"
-
-
-def test_the_command_says_what_to_install(monkeypatch):
-    from mkdaemon.cli.mkdaemon.gateway import ros2
-    from mkdaemon.errors import ConfigError
-
-    monkeypatch.setattr(ros2, "configure", lambda level: None)
-    monkeypatch.setitem(__import__("sys").modules, "rclpy", None)
-    with pytest.raises(ConfigError, match=r"needs rclpy.*pip install 'mkdaemon\[ros2\]'"):
-        asyncio.run(ros2.ros2())
 
 
 async def test_cmd_vel_of_another_type_is_reported_with_the_remedy():

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, BoardSettings, Pace, settings_of
 from tests.gateways.mavlink.rig import FakeVehicle
 
@@ -22,15 +21,6 @@ def test_a_rate_is_kept_by_the_stamps():
 
 
 GIVEN = {row.name: row.default for row in PARAMETERS}
-
-
-def test_the_defaults_of_the_parameters_fly():
-    settings = settings_of(GIVEN)
-    assert settings.topics == frozenset(topics.words())
-    assert settings.commands
-    assert (settings.velocity_frame, settings.pose_frame) == ("body", "pad")
-    assert settings.habits.mapping.buttons.enable == "BTN_TL"
-    assert settings_of(GIVEN | {"topics": ["imu", "raw.rx"]}).topics == {"imu", "raw.rx"}
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.gateways.ros2.parameters import BoardSettings
 from mkdaemon.gateways.ros2.services import SELF_TEST, SERVICES, Desk, answer, refused
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
@@ -83,9 +82,3 @@ def test_preflight_says_what_stands_with_the_remedy_and_the_self_test_has_a_stat
     assert ROWS["self_test"].type == SELF_TEST
     reply = refused(ROWS["self_test"], scene(), "no daemon")
     assert (reply["passed"], reply["status"][0].message) == (0, "no daemon")
-
-
-@pytest.mark.parametrize(("name", "verb"), [("abort", "abort"), ("preflight", "preflight"), ("route_start", "start")])
-def test_a_refusal_is_an_answer_in_words(name, verb):
-    _, reply = call(name, {verb: CommandRejectedError("busy", "A procedure runs.", "Wait.")})
-    assert reply == {"success": False, "message": "busy: A procedure runs. Wait."}

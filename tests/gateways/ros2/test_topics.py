@@ -8,8 +8,7 @@ from mkdaemon.bus.keys import KEYS
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES
 from mkdaemon.gateways.ros2.services import SERVICES
-from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Ros2Topic
-from tests import samples
+from mkdaemon.gateways.ros2.topics import TOPICS, Quality
 from tests.gateways.ros2.bagtypes import store
 from tests.places import DOCS
 
@@ -21,28 +20,6 @@ def test_every_row_is_of_a_key_and_a_type_that_exist_and_rows_of_one_topic_agree
     assert {row.type for row in TOPICS} <= set(store().types)
     for name in {row.name for row in TOPICS}:
         assert len({(row.type, row.quality) for row in TOPICS if row.name == name}) == 1
-
-
-def test_a_camera_gives_its_topics_their_name():
-    (row,) = (row for row in TOPICS if row.name == "{camera}/image")
-    assert row.name_for("vision/front-left/image") == "front_left/image"
-    assert row.is_of("vision/down/image")
-    assert not row.is_of("vision/down/pose")
-    assert row.word == "image"
-    assert Ros2Topic("/tf", "tf", "", lambda *_: None).word == "tf"
-
-
-def test_newest_values_and_every_mount_are_kept():
-    newest = Newest()
-    assert newest.keeps("vision/down/stats")
-    assert not newest.keeps("raw/rx")
-    newest.keep("state/attitude", samples.attitude())
-    newest.keep("tf", samples.edge())
-    newest.keep("tf", samples.edge())
-    newest.keep("tf", samples.edge(child="camera/front"))
-    newest.keep("tf", samples.edge(parent="camera/down", child="pad", static=False))
-    assert newest.values["state/attitude"] == samples.attitude()
-    assert [mount.child for mount in newest.values["mounts"]] == ["camera/down", "camera/front"]
 
 
 PAGE = (DOCS / "ros.md").read_text(encoding="utf-8").split("\n## Reference\n")[1]

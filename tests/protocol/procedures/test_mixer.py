@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
-from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems, MotorControllerStatus
+from mkdaemon.protocol.flags import MotorControllerItems, MotorControllerStatus
 from mkdaemon.protocol.messages import (
     Label,
     LabelRequest,
@@ -27,7 +27,7 @@ from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.labels import read_labels
 from mkdaemon.protocol.procedures.mixer import write_mixer
-from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, configure, read_motor_controller
+from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, configure
 from mkdaemon.protocol.wire import Board, WireMessage
 
 from .talk import Reply, drive
@@ -98,14 +98,6 @@ def test_a_motor_controller_that_does_not_follow_is_told(board: Callable[[WireMe
         drive(change_motor_controller(3, {"current_limit": 20}, PATIENCE, reverse=None, save=False), board)
 
 
-def test_an_answer_about_another_motor_is_none() -> None:
-    def other(message: WireMessage) -> Reply:
-        return MotorController.decode(bytes((1, 0, 4, 2, 0, 255, 30, 99, 64, 0, 7)))
-
-    with pytest.raises(Exception, match="configuration of motor controller 3: no answer"):
-        drive(read_motor_controller(3, PATIENCE), other)
-
-
 PRESENT = MotorController.decode(bytes((1, 0, 3, 2, 0, 255, 30, 99, 64, 0x02, 7)))
 NOTHING: dict[str, int | None] = dict.fromkeys(["pwm_scaling", "current_limit", "temperature_limit", "current_scaling"])
 
@@ -128,12 +120,6 @@ def test_only_what_is_given_is_applied(
     assert write.checksum == motor_controller_checksum(write.encode()[1:8])
     for name in NOTHING:
         assert getattr(write, name) == given.get(name, getattr(PRESENT, name))
-
-
-def test_the_sense_of_rotation_keeps_the_other_bits() -> None:
-    turned = configure(PRESENT, NOTHING, reverse=True, save=False)
-    assert turned.bits == MotorControllerBits.REVERSE | MotorControllerBits.START_1
-    assert configure(PRESENT, NOTHING, reverse=False, save=False).bits == MotorControllerBits.START_1
 
 
 NAMES = tuple(f"Channel {index}" for index in range(32))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError, RequestTimeoutError
@@ -37,29 +37,6 @@ def test_backup_is_right_or_raises_and_the_live_set_stays(fates: list[str], acti
         assert (backup.active, list(backup.sets)) == (active, [1, 2, 3, 4, 5])
         assert backup.sets == {slot: raw + bytes(2) for slot, raw in sets.items()}, "padded, as the line delivers them"
     assert (board.sets, board.active) == (sets, active)
-
-
-def test_a_set_that_cannot_be_read_still_leaves_the_active_one_live() -> None:
-    board = FlightCtrl(active=2)
-
-    def talk(request: WireMessage) -> Reply:
-        reply = board(request)
-        return None if isinstance(request, SettingsRequest) and request.index == 4 else reply
-
-    with pytest.raises(RequestTimeoutError, match="read set 4: no answer"):
-        drive(backup_settings(PATIENCE), talk)
-    assert board.live == board.sets[2]
-
-
-def test_a_board_that_falls_silent_says_that_the_live_set_is_unproven() -> None:
-    board, asked = FlightCtrl(active=2), list[WireMessage]()
-
-    def talk(request: WireMessage) -> Reply:
-        asked.append(request)
-        return board(request) if len(asked) < 8 else None
-
-    with pytest.raises(CommandRejectedError, match=r"not certain that set 2 is live again\. Do not fly"):
-        drive(backup_settings(PATIENCE), talk)
 
 
 def test_a_live_set_that_changed_is_named_by_byte() -> None:
@@ -251,6 +228,7 @@ def test_a_board_that_stores_something_else_each_time_is_told_as_it_is() -> None
 
 
 @pytest.mark.parametrize("revision", known_revisions())
+@settings(max_examples=5)
 @given(data=st.data())
 def test_every_revision_is_written_read_back_and_restored(revision: int, data: st.DataObject) -> None:
     layout = layout_of(revision)
@@ -310,15 +288,6 @@ def test_a_restore_announces_what_it_writes_before_it_writes() -> None:
     assert risk.wanted.writing[4] == pad_set(wanted)
 
 
-def test_another_set_that_is_live_is_replaced_by_the_active_one() -> None:
-    board = FlightCtrl(active=4)
-    board.live = board.sets[1]
-    steps = []
-    assert drive(recover_live_set(note_of(board), TWICE), board, steps) is Recovered.LOADED
-    assert board.live == board.sets[4]
-    assert isinstance(steps[-2], LiveSetProven) or isinstance(steps[-1], LiveSetProven)
-
-
 def test_a_set_that_a_restore_had_activated_is_replaced_by_the_right_one() -> None:
     board = FlightCtrl(active=4)
     before = dict(board.sets)
@@ -366,11 +335,6 @@ def test_another_aircraft_is_recognised_and_nothing_is_written_to_it(case: str) 
     assert not any(isinstance(step, LiveSetProven) for step in steps)
     if case != "release":
         assert board.live == board.sets[active]
-
-
-def test_a_recovery_without_an_answer_says_so() -> None:
-    with pytest.raises(RequestTimeoutError):
-        drive(recover_live_set(note_of(FlightCtrl()), TWICE), lambda message: None)
 
 
 def test_a_set_that_cannot_be_changed_is_not_left_live() -> None:

@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
-from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.generations import Release
-from mkdaemon.protocol.messages import NaviVersionClassic, WaypointRequest, WaypointWritten, WriteWaypoint024
+from mkdaemon.protocol.messages import WaypointRequest, WaypointWritten, WriteWaypoint024
 from mkdaemon.protocol.procedures import Patience
-from mkdaemon.protocol.procedures.points import from_points, point_format, read_format, to_points
+from mkdaemon.protocol.procedures.points import from_points, point_format, to_points
 from mkdaemon.protocol.procedures.steps import Progress, Step
 from mkdaemon.protocol.procedures.waypoint_list import (
     clear_message,
@@ -94,20 +93,6 @@ def test_refused_points_are_told_from_a_cleared_list() -> None:
         drive(upload_points(route(5), PATIENCE), NaviCtrl(limit=3))
 
 
-def test_a_late_answer_to_clear_is_not_a_refusal() -> None:
-    board = NaviCtrl()
-    late = iter([None, WaypointWritten(index=0)])
-
-    def talk(request: WireMessage) -> Reply:
-        reply = board(request)
-        if isinstance(request, WriteWaypoint024) and request.index == 1:
-            return next(late, None) or reply
-        return reply
-
-    drive(upload_points(route(3), PATIENCE), talk)
-    assert len(board.points) == 3
-
-
 def spoiled(board: NaviCtrl, kind: type[WireMessage], index: int, spoil: Spoil, time: int = 1) -> Callable[..., Reply]:
     """A board whose list is spoiled before it answers a request for some time."""
     asked = count(1)
@@ -134,11 +119,6 @@ def test_a_list_that_is_spoiled_on_the_way_is_written_again(kind: type[WireMessa
     done = drive(upload_points(points, PATIENCE), spoiled(board, kind, index, spoil))
     assert board.points == [point.encode() for point in points]
     assert done.rounds in (2, 3)
-
-
-def test_silence_names_the_step() -> None:
-    with pytest.raises(RequestTimeoutError, match="write waypoint 0: no answer from the NC in 4 attempts"):
-        drive(upload_points(route(2), PATIENCE), lambda _: None)
 
 
 def test_a_list_that_will_not_clear() -> None:
@@ -187,25 +167,6 @@ def test_a_point_flown_to_is_still_the_same() -> None:
     board.points[0] = board.points[0][:12] + b"\x02" + board.points[0][13:]
     assert drive(verify_points(points, PATIENCE), board) == ()
     assert content_hash([WriteWaypoint024.decode(board.points[0])]) == content_hash(points)
-
-
-def test_download_is_the_mission() -> None:
-    board = NaviCtrl()
-    mission = Mission(
-        points=(
-            MissionPoint(latitude_deg=1.5, longitude_deg=-2.25, altitude=0.5, kind=PointKind.POI),
-            MissionPoint(latitude_deg=-33.5, longitude_deg=70.1234567, altitude=12.3, poi=1, event=100, climb=2.5),
-            MissionPoint(latitude_deg=-33.5, longitude_deg=70.1, altitude=12.3, heading_deg=270),
-        )
-    )
-    drive(upload_points(to_points(mission, FORM), PATIENCE), board)
-    assert from_points(drive(download_points(FORM.kind, PATIENCE), board), FORM) == mission
-
-
-def test_clear_message_is_the_documented_frame() -> None:
-    # Vector "waypoint list clear".
-    wanted = b"#cw=========================Ly=============hM\r"
-    assert encode_frame(2, "w", clear_message(WriteWaypoint024).encode()) == wanted
 
 
 @pytest.mark.parametrize(
@@ -266,12 +227,6 @@ def test_points_of_later_releases_come_back_whole() -> None:
         )
     )
     assert from_points(to_points(mission, form), form) == mission
-
-
-def test_the_format_is_asked_of_the_board() -> None:
-    version = NaviVersionClassic.decode(bytes((0, 28, 11, 0, 2, 0, 0, 0, 0, 0)))
-    form = drive(read_format(PATIENCE), lambda _: version)
-    assert (str(form.release), form.kind.spec.layout, form.poi_scale, form.limit) == ("0.28c", "027", 100, 31)
 
 
 @pytest.mark.parametrize(("index", "time"), [(2, 1), (255, 2)], ids=["while it is read", "after it was read"])
