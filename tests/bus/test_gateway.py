@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
-import threading
 import time
 from contextlib import ExitStack
 from functools import partial
@@ -31,7 +30,6 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import Attitude, Battery
 from mkdaemon.telemetry.status import Status
@@ -54,15 +52,6 @@ async def bus_of_one_second():
     endpoint = free_endpoint()
     async with Bus.open(bus_config(endpoint), "t1", clock=lambda: 0.0) as opened:
         yield opened, endpoint
-
-
-def _wait_for_a_match(session, opened):
-    publisher = opened._session.declare_publisher("mk/t1/state/battery")
-    deadline = time.monotonic() + PATIENCE
-    while not publisher.matching_status.matching:
-        assert time.monotonic() < deadline, "the subscription never reached the daemon"
-        time.sleep(0.002)
-    publisher.undeclare()
 
 
 async def test_what_the_bus_itself_subscribes_to_is_no_audience(bus):
@@ -365,29 +354,6 @@ async def test_an_endpoint_that_is_in_use_or_wrong_is_told_in_one_line(bus, endp
             pass
     assert "\n" not in str(caught.value)
     assert "/root" not in str(caught.value)
-
-
-async def test_a_stopped_subscriber_does_not_hold_up_the_publisher(bus):
-    """BLOCK would have waited at the first full queue, and closed the line to the subscriber in the end."""
-    opened, endpoint = bus
-    go_on, last = threading.Event(), threading.Event()
-
-    def take(sample: zenoh.Sample) -> None:
-        go_on.wait()
-        if str(sample.key_expr) == "mk/t1/event/log":
-            last.set()
-
-    with client(endpoint) as session:
-        session.declare_subscriber("mk/t1/**", zenoh.handlers.Callback(take, indirect=False))
-        await asyncio.to_thread(_wait_for_a_match, session, opened)
-        for _ in range(2000):
-            opened.publish("state/battery", BATTERY)
-        go_on.set()
-        deadline = time.monotonic() + PATIENCE
-        while not last.is_set():
-            assert time.monotonic() < deadline, "the subscriber was cut off"
-            opened.publish("event/log", LogEvent(stamp=STAMP, level="info", text="still here?"))
-            await asyncio.sleep(0.05)
 
 
 @pytest.mark.parametrize("takes_images", [False, True])

@@ -9,30 +9,11 @@ import pytest
 
 from mkdaemon.bus.exposure import is_local, open_endpoints
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.bus.session import check_endpoint, open_session, session_config
+from mkdaemon.bus.session import open_session, session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import ConfigError, MkError
 from tests.bus.support import free_endpoint
 from tests.places import CONFIGS
-
-
-@pytest.mark.parametrize(
-    "endpoint",
-    [
-        "tcp/127.0.0.1:7447",
-        "tcp/[::1]:7447",
-        "tcp/[fe80::1%eth0]:7447",
-        "tcp/0.0.0.0:0",
-        "tls/copter.local:65535",
-        "quic/10.0.0.1:7447",
-        "tcp/127.0.0.1:7447?prio=1-3",
-        "udp/127.0.0.1:7447#iface=lo",
-        "unixsock-stream//run/mkdaemon.sock",
-    ],
-)
-def test_endpoints_zenoh_understands(endpoint):
-    check_endpoint(endpoint, "here")
-    session_config("client", connect=[endpoint])
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from mkdaemon.client.session import (
     RepeatedSetpoint,
     SessionState,
 )
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import HolderGrant, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from tests.client.sessionlease import STAMP, control_status
@@ -27,7 +27,6 @@ from tests.client.sessionlease import STAMP, control_status
 FREE, ASKED, HELD, LOST = SessionState
 EPOCH = 7
 STICKS = {"pitch": 1.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-LEVEL = STICKS | {"pitch": 0.0}
 HOLD = RepeatedSetpoint("hold", {}, SIGHTING)
 FLIES, OTHER_FLIES = control_status(Phase.FLYING, EPOCH), control_status(Phase.FLYING, EPOCH + 1)
 HELD_LEASE = CommandRejectedError("lease_held", "somebody flies.", "wait")
@@ -144,19 +143,6 @@ def test_refusals_of_strangers_the_network_and_an_ended_lease_do_not_count(token
     assert (str(flight.take_refusal()), flight.take_refusal()) == ("no_estimate: no target. ", None)
 
 
-def test_a_manoeuvre_is_led_until_the_daemon_engages_then_flown_for_its_time():
-    flight = session(HELD)
-    flight.fly(RepeatedSetpoint("stick", STICKS, ENGAGING, 0.1, 50.0, lead=LEVEL), 0.0)
-    assert [flight.step(0.02 * n).pitch for n in range(3)] == [0.0] * 3
-    flight.status_arrived(control_status(Phase.FLYING, EPOCH), 0.06)
-    flown, now = [], 0.06
-    while (setpoint := flight.step(now)) is not None:
-        flown.append((round(now, 3), setpoint.pitch))
-        now = flight.due
-    assert flown == [(0.06, 1.0), (0.08, 1.0), (0.1, 1.0), (0.12, 1.0), (0.14, 1.0)]
-    assert now == pytest.approx(0.16) and flight.finished is not None and flight.repeated is None
-
-
 @pytest.mark.parametrize(
     ("at", "status", "ends"),
     [
@@ -174,19 +160,6 @@ def test_a_manoeuvre_ends_when_the_daemon_reports_it_done(at, status, ends):
     flight.status_arrived(status, at)
     assert (flight.step(at) is None) is ends
     assert (flight.finished is not None) is ends
-
-
-def test_an_abort_is_ended_by_resume_alone():
-    flight = session(HELD, phase=Phase.FLYING)
-    flight.fly(RepeatedSetpoint("hold", {}, SIGHTING, 1.0), 0.0)
-    flight.step(0.0)
-    flight.status_arrived(control_status(Phase.ABORTED, EPOCH, aborts=3, reason="aborted: enough"), 0.5)
-    assert flight.step(0.5).after_abort == 0
-    with pytest.raises(ManoeuvreError, match="hold aborted: enough"):
-        flight.step(1.0)
-    assert flight.stream("stick", STICKS, 1.0).after_abort == 0
-    flight.resume()
-    assert flight.stream("stick", STICKS, 1.0).after_abort == 3
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
 from mkdaemon.config.layers import find_key, load_layers, values_of
 from mkdaemon.config.reader import load
 from mkdaemon.config.reload import plan_reload
-from mkdaemon.config.vision import TagPlacement
 from mkdaemon.errors import ConfigError
 from tests.places import CONFIGS
 
@@ -79,19 +77,6 @@ def test_an_override_that_contradicts_a_default_is_named_without_a_file():
         ConfigError, match=r"^configuration: link: reopen_min 0\.\d+ <= reopen_max 0\.01 does not hold$"
     ):
         load(None, {"link.reopen_max": 0.01})
-
-
-@pytest.mark.parametrize(
-    ("rotation", "words"),
-    [
-        ({"rpy_deg": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}, "give rpy_deg or quaternion, not both"),
-        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "quaternion has no length"),
-    ],
-)
-def test_a_tag_has_one_rotation(rotation, words):
-    with pytest.raises(ValidationError, match=words):
-        TagPlacement(id=1, size=0.1, **rotation)
-    assert TagPlacement(id=1, size=0.1, quaternion=(0.0, 0.0, 0.0, 1.0)).rpy_deg is None
 
 
 def test_a_missing_file_names_one_that_is_like_it(tmp_path):

@@ -12,9 +12,9 @@ from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link import discovery
-from mkdaemon.link.discovery import LOOK_AGAIN, PORTS, redirection, wait_for_discovery
+from mkdaemon.link.discovery import LOOK_AGAIN, redirection, wait_for_discovery
 from mkdaemon.protocol.flags import RedirectPort
-from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
+from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2
 from mkdaemon.protocol.messages.navictrl import ESCAPE, Redirect
 from mkdaemon.protocol.wire import Board
 
@@ -188,14 +188,3 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
             async with redirection(r.link, Board.MAG):
                 raise AssertionError
         assert caught.value.token == "not_redirectable"
-
-
-@virtually
-async def test_whoever_the_line_led_to_the_navictrl_is_back_afterwards():
-    async with rig(navi_ctrl()) as r:
-        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
-        for end in PORTS.values():
-            async with redirection(r.link, end):
-                await asyncio.sleep(5)
-            await r.until(lambda: r.condition == "up", 3)
-            assert await r.link.request(VersionRequest(), board=Board.NC)

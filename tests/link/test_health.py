@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.verdict import QUIET, STOPPED, STUCK, HeldFinding, VerdictCause, VerdictFinding
+from mkdaemon.link.session.verdict import QUIET, STOPPED, HeldFinding, VerdictCause, VerdictFinding
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import LinkCondition
 
@@ -107,61 +107,6 @@ def test_a_port_that_was_just_opened_claims_no_more_than_it_can(opened, happens,
     assert words in health.verdict.reason
 
 
-@pytest.mark.parametrize(
-    ("streams", "fault", "condition", "words"),
-    [
-        (STREAMS, {"talks": False}, LinkCondition.MUTE, "nothing arrives"),
-        ({}, {"talks": False}, LinkCondition.MUTE, "nothing arrives"),
-        (STREAMS, {"listens": False}, LinkCondition.ONE_WAY, "RX wire"),
-        (STREAMS, {"listens": False, "backlog": 10}, LinkCondition.DOWN, STUCK),
-        (STREAMS, {"talks": False, "garbage": b"\x91\xf3\x80"}, LinkCondition.GARBAGE, "wrong baud"),
-        (
-            STREAMS,
-            {"talks": False, "garbage": b"\r\nACC neutral: 512\r\n", "reason": DropReason.TEXT},
-            LinkCondition.GARBAGE,
-            "plain text",
-        ),
-        (
-            STREAMS,
-            {"talks": False, "garbage": b"\x00\x91\xf3\x80", "reason": DropReason.TEXT},
-            LinkCondition.GARBAGE,
-            "wrong baud",
-        ),
-        (STREAMS, {"streams": {}}, LinkCondition.DEGRADED, "only link tests are answered"),
-        (
-            STREAMS,
-            {"streams": {"attitude": 0.05}},
-            LinkCondition.DEGRADED,
-            "nc osd is overdue: asked every 0.1 s",
-        ),
-    ],
-    ids=[
-        *(
-            "silence",
-            "silence without streams",
-            "deaf board",
-            "stuck port",
-            "noise",
-            "text",
-            "noise that passes for text",
-        ),
-        *("no stream", "a stale stream"),
-    ],
-)
-def test_a_fault_is_found_and_named_within_half_a_second_stays_and_is_over_as_soon(streams, fault, condition, words):
-    line = up(streams=streams)
-    right = {name: getattr(line, name) for name in fault}
-    vars(line).update(fault)
-    line.until(condition, 0.5)
-    line.run(0.3)
-    assert line.health.verdict.condition is condition
-    assert words in line.health.verdict.reason
-    stale = {kind.key for kind in line.health.kinds(line.now) if kind.is_stale}
-    assert stale == set(streams) - set(line.streams) or not line.talks
-    vars(line).update(right)
-    line.until(LinkCondition.UP, 5.0 if "streams" in fault else 0.5)
-
-
 def test_one_way_does_not_flap_with_slow_streams_and_ends_in_mute():
     line = up(streams={"osd": 1.0})
     line.listens = False
@@ -188,19 +133,6 @@ def test_bytes_waiting_inside_the_port_keep_the_verdict(line):
     assert health.verdict.condition is LinkCondition.UP
 
 
-def test_bytes_without_any_end_are_garbage_too(line):
-    line.talks = False
-    for _ in range(100):
-        line.health.bytes_received(5, line.now)
-        line.step()
-    assert line.health.verdict.condition is LinkCondition.GARBAGE
-    assert "wrong baud" in line.health.verdict.reason
-    line.run(1.0)
-    assert line.health.verdict.condition is LinkCondition.GARBAGE
-    line.run(0.5)
-    assert line.health.verdict.condition is LinkCondition.MUTE
-
-
 @pytest.mark.parametrize("cut", [True, False], ids=["a frame cut short by silence", "a glitch"])
 def test_a_little_damage_before_a_silence_is_no_garbage(line, cut):
     line.talks = False
@@ -219,16 +151,6 @@ def test_losses_above_the_limit_degrade_with_the_figure():
     line.lose_every = 0
     line.run(11.0)
     assert line.health.verdict.condition is LinkCondition.UP
-
-
-def test_lost_confirmations_degrade(line):
-    for number in range(1, 20):
-        line.health.confirm.sent(number, line.now)
-        if number % 3:
-            line.health.confirmed(number, line.now + 0.005)
-    line.run(0.4)
-    assert line.health.verdict.condition is LinkCondition.DEGRADED
-    assert "control frames lost" in line.health.verdict.reason
 
 
 def test_damaged_bytes_degrade(line):
@@ -331,37 +253,6 @@ def test_a_line_that_comes_and_goes_is_one_verdict_until_it_stays(line):
     assert (LinkCondition.DEGRADED, "it was lost 5") in said
     assert sum(condition is LinkCondition.UP for condition, _ in said) == 1  # after the first one
     line.until(LinkCondition.UP, 11.0)
-
-
-def test_what_may_wait_unseen_is_told_before_it_is_a_verdict(line):
-    line.run(3.0)
-    assert not line.health.may_stand_still(line.now)
-    line.talks = False  # the far end stands still
-    line.run(0.17)
-    assert line.health.may_stand_still(line.now)
-    line.talks = True
-    line.run(0.5)
-    assert not line.health.may_stand_still(line.now)
-    line.listens = False  # it talks, and takes nothing
-    line.run(0.45)
-    assert line.health.may_stand_still(line.now)
-    line.listens = True
-    line.run(0.3)
-    assert not line.health.may_stand_still(line.now)
-
-
-def test_stick_frames_that_are_not_confirmed_wait_somewhere_and_one_or_two_are_lost(line):
-    for frame in range(20):
-        line.health.confirm.sent(frame, line.now)
-        line.run(0.02)
-        if frame not in (4, 5):
-            line.health.confirmed(frame, line.now)
-        assert not line.health.may_stand_still(line.now)
-    for frame in range(20, 31):
-        line.health.confirm.sent(frame, line.now)
-        line.run(0.02)
-        line.health._open_questions.clear()
-    assert line.health.may_stand_still(line.now)
 
 
 @pytest.mark.parametrize("interval", [0.02, 0.1, 0.2, 0.3])

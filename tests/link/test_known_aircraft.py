@@ -16,7 +16,7 @@ from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.knownaircraft import ASK_TIME, IdentityCheck, KnownAircraft
-from mkdaemon.link.session.peers import PROOF_AGE, Peers, Proof
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.release import QUIET_TIME
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -279,26 +279,6 @@ VERSION = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
 @pytest.fixture
 def peers():
     return Peers()
-
-
-def test_a_version_reply_proves_its_sender_until_it_is_old(peers):
-    assert peers.proof is None
-    assert not peers.is_proven(Board.FC, 0.0)
-    peers.version_received(Board.FC, VERSION, 10.0)
-    assert peers.proof == Proof(Board.FC, 10.0)
-    assert peers.is_proven(Board.FC, 10.0 + PROOF_AGE)
-    assert not peers.is_proven(Board.FC, 10.0 + PROOF_AGE + 0.01)
-    assert not peers.is_proven(Board.NC, 10.0)
-
-
-def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware(peers):
-    peers.version_received(Board.FC, VERSION, 10.0)
-    peers.redirect(Board.FC, 10.0)
-    assert not peers.is_proven(Board.FC, 10.0)
-    assert peers.firmware == {Board.FC: str(VERSION.release)}
-    peers.version_received(Board.FC, VERSION, 11.0)
-    peers.redirect(None, 11.5)
-    assert not peers.is_proven(Board.FC, 11.0)
 
 
 def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards(peers):

@@ -94,23 +94,6 @@ def point(name: Path, device: Path) -> None:
     fresh.replace(name)
 
 
-async def test_a_link_by_id_follows_the_adapter_to_its_new_number(adapters, tmp_path):
-    first, second = adapters
-    name = tmp_path / BY_ID
-    point(name, first.device)
-    async with linked(name) as (link, opened):
-        await wait_until(lambda: "b" in first.letters())
-        first.unplug()
-        name.unlink()
-        await wait_until(lambda: link.health().state.condition.value == "absent")
-        assert opened == [str(name)]
-        point(name, second.device)
-        await wait_until(lambda: "b" in second.letters())
-        assert opened == [str(name)] * 2
-        assert link.health().state.port == str(name)
-        assert second.letters()[0] == "b", "the release comes first here too"
-
-
 async def test_a_link_by_number_finds_its_adapter_again_under_its_by_id_name(adapters, tmp_path):
     first, second = adapters
     number, by_id = tmp_path / "ttyUSB0", tmp_path / "by-id"

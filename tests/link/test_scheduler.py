@@ -61,17 +61,6 @@ def test_order_is_release_setpoint_retry_request_subscription_echo_background(sc
     assert [item.purpose for _, item in sent_until(scheduler, 1.0)] == list(Purpose)
 
 
-def test_forwarded_setpoints_keep_forty_hertz():
-    scheduler = TransmitScheduler(NC)
-    times = []
-    for step in range(200):
-        now = step * 0.01
-        scheduler.submit(entry(Purpose.SETPOINT, number=step % 100, reaches_fc=True, deadline=now + 0.1), now)
-        times += [at for at, _ in sent_until(scheduler, now + 0.0099, now=now)]
-    assert 70 <= len(times) <= 81
-    assert min(b - a for a, b in itertools.pairwise(times)) >= FORWARDING_GAP - 1e-9
-
-
 def test_only_the_newest_setpoint_leaves(scheduler):
     scheduler.submit(entry(Purpose.REQUEST), 0.0)
     scheduler.take(0.0)
@@ -103,16 +92,6 @@ def test_one_request_of_a_kind_and_board_is_outstanding():
     assert len(sent_until(scheduler, 0.2, now=0.15)) == 1
     # without a reply the slot frees itself after the time-out
     assert [at > 0.44 for at, _ in sent_until(scheduler, 1.0, now=0.2)] == [True]
-
-
-def test_an_answer_frees_a_question_to_anybody():
-    scheduler = TransmitScheduler(NC)
-    scheduler.submit(entry(Purpose.REQUEST, board=Board.ANY, slot=(Board.ANY, "V"), reply_within=9.0), 0.0)
-    scheduler.take(0.0)
-    scheduler.submit(entry(Purpose.REQUEST, board=Board.ANY, slot=(Board.ANY, "V")), 0.01)
-    assert scheduler.take(0.02) is None
-    scheduler.reply_seen(Board.NC, "V")
-    assert scheduler.take(0.02) is not None
 
 
 def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_returns(scheduler):
@@ -171,38 +150,6 @@ def test_while_redirected_only_that_board_is_spoken_to():
     assert scheduler.take(1.1) is there
 
 
-def steady(scheduler: TransmitScheduler, period: float, count: int, others: float) -> list[float]:
-    """Feed setpoints at a steady rate beside requests every `others` seconds; returns each setpoint's wait [s]."""
-    waits, due = [], 0.0
-    for step in range(count):
-        now = step * period
-        scheduler.submit(entry(Purpose.SETPOINT, number=step % 100, deadline=now + 0.1), now)
-        while due <= now:
-            scheduler.submit(entry(Purpose.ECHO, board=Board.FC, number=step), now)
-            due += others
-        for at, item in sent_until(scheduler, now + period - 1e-4, now=now):
-            if item.purpose is Purpose.SETPOINT:
-                waits.append(at - item.queued)
-    return waits
-
-
-@pytest.mark.parametrize("rules", [FC, LineRules(direct=Board.NC)], ids=["fc", "nc"])
-def test_at_fifty_hertz_no_setpoint_waits_for_another_frame(rules: LineRules):
-    waits = steady(TransmitScheduler(rules), 0.02, 300, 0.1)
-    assert len(waits) >= (300 if rules.direct is Board.NC else 300 - 300 * 0.02 / 0.1)  # an echo takes the place of one
-    assert max(waits[3:]) < 0.001
-
-
-def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
-    scheduler = TransmitScheduler(NC)
-    for step in range(3):
-        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1, reaches_fc=True), step * 0.01)
-        scheduler.take(step * 0.01)
-    scheduler.submit(entry(Purpose.SUBSCRIPTION, board=Board.NC), 0.0245)
-    sent = sent_until(scheduler, 0.1, now=0.0245)
-    assert [item.purpose for _, item in sent] == [Purpose.SETPOINT, Purpose.SUBSCRIPTION]
-
-
 def flown(
     period: float, distance: float, asks: list[float], seconds: float = 2.0
 ) -> list[tuple[float, QueuedTransmission]]:
@@ -239,7 +186,7 @@ def test_in_flight_requests_keep_their_distance_and_setpoints_their_rate(flight)
     setpoints = [at for at, item in sent if item.purpose is Purpose.SETPOINT]
     assert all(b - a >= FC_GAP for a, b in itertools.pairwise(setpoints))
     in_a_second = max(sum(begin <= at < begin + 1.0 for at in setpoints) for begin in setpoints)
-    assert in_a_second <= 46  # 44 of them, and what CATCH_UP and CREEP allow
+    assert in_a_second <= 44 / CREEP + CATCH_UP + 1
 
 
 @pytest.mark.parametrize(
@@ -254,19 +201,6 @@ def test_a_setpoint_waits_for_a_request_unless_that_held_up_the_next_one(period,
     assert max(waits) <= max(alone_waits) + 0.0085
     asked = [at - item.queued for at, item in beside if item.purpose is Purpose.REQUEST]
     assert max(asked) <= max(FC_GAP, distance) + 0.005
-
-
-def test_a_setpoint_that_no_newer_one_replaces_leaves_after_the_request():
-    scheduler = TransmitScheduler(LineRules(direct=Board.FC, setpoint_interval=1 / 50))
-    sent = []
-    for step in range(4):
-        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1), step / 50)
-        if step == 2:
-            scheduler.submit(entry(Purpose.REQUEST), step / 50 + 0.004)
-        sent += sent_until(scheduler, (step + 1) / 50 - 1e-6, now=step / 50 + (0.004 if step == 2 else 0.0))
-    sent += sent_until(scheduler, 1.0, now=4 / 50)
-    assert [item.purpose for _, item in sent[-2:]] == [Purpose.REQUEST, Purpose.SETPOINT]
-    assert sent[-1][1].message.frame == 4
 
 
 @given(

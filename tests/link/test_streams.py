@@ -23,7 +23,7 @@ from mkdaemon.link.session.renewal import (
     time_between_ends,
 )
 from mkdaemon.link.session.streamkinds import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, kind_of, round_up_interval
-from mkdaemon.link.session.streams import ASK_AGAIN, ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
+from mkdaemon.link.session.streams import ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
 from mkdaemon.protocol.messages import AttitudeRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
@@ -67,16 +67,6 @@ def test_ending_a_stream_stops_it_and_keeps_the_others(subscriptions):
     assert subscriptions.next_time() == -math.inf
     assert subscriptions.due(0.1) == [OsdRequestV1(interval=0)]
     assert subscriptions.wanted == {"debug": 0.1}
-
-
-def test_a_stream_that_does_not_come_is_asked_for_again(subscriptions):
-    subscriptions.want("osd", 0.1)
-    subscriptions.due(0.0)
-    assert OsdRequestV1(interval=10) not in subscriptions.due(ASK_AGAIN - 0.01)
-    assert OsdRequestV1(interval=10) in subscriptions.due(ASK_AGAIN)
-    subscriptions.frame_received("osd", 2.0)
-    assert OsdRequestV1(interval=10) not in subscriptions.due(2.0 + OVERDUE_PERIODS * 0.1 - 0.01)
-    assert OsdRequestV1(interval=10) in subscriptions.due(2.0 + OVERDUE_PERIODS * 0.1)
 
 
 def asked_for(key: str, interval: float, silent_for: float) -> list[float]:

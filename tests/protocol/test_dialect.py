@@ -239,23 +239,6 @@ def test_what_a_flightctrl_does_not_know(release, missing):
     assert "extern_control" not in unsupported
 
 
-@pytest.mark.parametrize(
-    ("release", "missing"),
-    [
-        ((0, 20), {"navi_parameter_request", "write_navi_parameter", "motor_status_request", "time_request"}),
-        ((0, 24), {"motor_status_request", "time_request"}),
-        ((0, 27), {"time_request"}),
-        ((2, 14), set()),
-    ],
-)
-def test_what_a_navictrl_does_not_know(release, missing):
-    takes_control = {"extern_control", "serial_channels"} if release < (2, 13) else set()
-    unsupported = decide(evidence((Board.NC, nc_version(*release)))).unsupported
-    assert {key for board, key in unsupported if board is Board.NC} == missing | takes_control
-    for key in missing:
-        assert f"the board has {Release(*release)}" in unsupported[Board.NC, key]
-
-
 def test_a_message_nobody_has():
     with pytest.raises(ProtocolError, match="mag has no message 'OsdData'"):
         fc(2, 12).message(Board.MAG, "OsdData")

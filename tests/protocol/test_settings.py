@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 
 import pytest
 from hypothesis import given
@@ -155,17 +154,6 @@ def test_an_unknown_revision_keeps_its_raw_bytes(revision, rest):
     for text in (file.to_toml(), file.to_json()):
         assert SettingsFile.parse(text) == file
         assert "gyro" not in text
-
-
-def test_a_file_says_what_it_is():
-    content = tomllib.loads(example().to_toml())
-    assert (content["firmware"], content["revision"], content["slot"]) == ("2.12a", 106, 3)
-    assert content["name"] == 'E"ä\\'
-    assert bytes.fromhex(content["raw"]) == example().parameters.raw
-    assert content["values"]["external_control"] == "poti3"
-    assert content["values"]["global_config"] == ["heading_hold", "compass"]
-    assert content["values"]["gyro_p"] == 90
-    assert json.loads(example().to_json())["values"] == content["values"]
 
 
 def test_without_raw_the_names_count():

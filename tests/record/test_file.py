@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import io
 import struct
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from mkdaemon.record.entry import Congestion, Entry, EntryKind, Qos, TimeBase
 from mkdaemon.record.layout import ChannelFacts
@@ -72,23 +70,6 @@ def test_entries_come_back_as_they_went_in(tmp_path: Path) -> None:
     assert recording.session == SESSION
     assert recording.report.is_whole
     assert recording.report.entries == len(MIXED)
-
-
-def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
-    entries = [sample(number) for number in range(1, 2001)]
-    reader = make_reader(io.BytesIO(write(entries).getvalue()), validate_crcs=True)
-
-    found = list(reader.iter_messages(log_time_order=True))
-
-    assert [message.data for _, _, message in found] == [entry.payload for entry in entries]
-    assert found[0][1].metadata["key"] == "mk/mk1/state/attitude"
-    assert found[0][0].name == "mk.Attitude.v1"
-    summary = reader.get_summary()
-    assert summary.statistics.message_count == len(entries)
-    assert len(summary.chunk_indexes) == 40
-    assert all(one.chunk_start_offset < two.chunk_start_offset for one, two in pairwise(summary.chunk_indexes))
-    assert next(iter(reader.iter_metadata())).metadata["recorder"] == "blackbox"
-    assert len(list(reader.iter_messages(topics=["sample:mk/mk1/state/attitude"]))) == len(entries)
 
 
 def test_a_file_cut_off_anywhere_keeps_all_that_was_flushed(tmp_path: Path) -> None:

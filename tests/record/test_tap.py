@@ -5,10 +5,8 @@ from __future__ import annotations
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.control.events import DUE, ClientGone, MotorsReported
 from mkdaemon.protocol.boards import Board
 from mkdaemon.record.entry import EntryKind, Notice, TimeBase
-from mkdaemon.record.events import TICK, unpack_event
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap, hide_secrets
 from mkdaemon.stamp import Stamp
@@ -66,22 +64,6 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     assert msgpack.unpackb(layouts.payload) == {"layouts": [["fc", "b", "v2"]]}
     assert (Notice.of(stop), stop.received, stop.payload) == (Notice.STOP, 41.6, b"")
     assert Notice.of(read) is None
-
-
-def test_what_the_flight_core_is_told_and_decides_stands_in_order():
-    tap, queue = tapped()
-    tap.ticked(41.0, 0.0)
-    tap.fed(MotorsReported(True), 41.1, DUE)
-    tap.fed(ClientGone("pilot"), 41.2, DUE)
-    tap.ticked(41.3, 2.5)
-    tick, gone, late = queue.take(10)
-
-    assert [entry.kind for entry in (tick, gone, late)] == [EntryKind.EVENT] * 3
-    assert [entry.suffix for entry in (tick, gone, late)] == [TICK, "core/ClientGone", TICK]
-    assert [entry.received for entry in (tick, gone, late)] == [41.0, 41.2, 41.3]
-    assert unpack_event(gone.suffix, gone.payload) == ClientGone("pilot")
-    assert msgpack.unpackb(gone.payload)["reply"]["is_due"] is True
-    assert (tick.payload, msgpack.unpackb(late.payload)) == (b"", {"slept": 2.5})
 
 
 def test_an_image_becomes_an_entry_on_the_writing_thread():

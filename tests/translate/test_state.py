@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import pytest
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion
-from mkdaemon.protocol.boards import board_at
-from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, OsdStatus2, PositionStatus
-from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
     AttitudeDataFcOld,
@@ -20,7 +16,6 @@ from mkdaemon.protocol.messages import (
     AttitudeDataNcSticks,
     DebugDataFc,
     DebugDataNc,
-    EchoRequest,
     OsdData5,
 )
 from mkdaemon.protocol.messages.osdsets import (
@@ -36,9 +31,6 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import AngleScale, GpsFix, GpsMode
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, fc_is_lost, motors_running
-from tests.places import CAPTURES
-
-EXCERPT = CAPTURES / "nc_mixed_60s.jsonl"
 
 
 def blank(cls, **fields):
@@ -205,14 +197,6 @@ def test_coarse_attitude_stands_in_only_while_there_is_no_better():
     assert "state/attitude" in states(osd, t=1.01 + COARSE_AFTER, translator=translator)
 
 
-def test_a_flightctrl_alone_tells_battery_receiver_and_motors():
-    message = debug(a9=148, a10=200, a22=35, a23=120)
-    found = states(message, "fc")
-    assert found["state/battery"].voltage == pytest.approx(14.8)
-    assert (found["state/battery"].current, found["state/battery"].used_mah) == pytest.approx((3.5, 120.0))
-    assert found["state/pilot"].rc_quality == 1.0
-
-
 @pytest.mark.parametrize(
     ("board", "message", "running"),
     [
@@ -226,13 +210,6 @@ def test_a_flightctrl_alone_tells_battery_receiver_and_motors():
 )
 def test_who_can_tell_whether_motors_run(board, message, running):
     assert motors_running(board, message) is running
-
-
-@pytest.mark.parametrize(
-    ("board", "message"), [("mag", debug(a13=17)), ("nc", EchoRequest(pattern=1)), ("nc", blank(DebugDataNc))]
-)
-def test_messages_that_say_nothing_about_the_aircraft_say_nothing(board, message):
-    assert states(message, board) == {}
 
 
 # -- data sets of newer NaviCtrls ----------------------------------------------------------------------------------
@@ -274,28 +251,6 @@ def test_the_data_sets_together_tell_what_one_message_did():
 
 
 # -- recorded ------------------------------------------------------------------------------------------------------
-
-
-def test_recorded_frames_make_a_consistent_aircraft():
-    framing, messages, translator = FrameDecoder(), MessageDecoder(), StateTranslator()
-    found: dict[str, list] = {}
-    for line in EXCERPT.read_text(encoding="utf-8").splitlines():
-        chunk = json.loads(line)
-        if chunk.get("dir") != "rx":
-            continue
-        for frame in framing.feed(bytes.fromhex(chunk["hex"])):
-            assert isinstance(frame, Frame)
-            board = board_at(frame.address)
-            for suffix, value in translator.states(
-                board.word, messages.decode(frame), Stamp(monotonic=chunk["t"], wall=chunk["t"])
-            ):
-                found.setdefault(suffix, []).append(value)
-    assert {"state/attitude", "state/position", "state/battery", "state/flight"} <= set(found)
-    for position in found["state/position"]:
-        assert (position.latitude_deg, position.longitude_deg) == pytest.approx((42.46, -71.27), abs=0.001)
-        east, north, _ = position.position_enu
-        assert math.hypot(east, north) == pytest.approx(position.board_home_distance, abs=0.15, rel=0.01)
-    assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 
 def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_navictrl_and_a_fork_tell_the_stick():
@@ -395,11 +350,3 @@ def test_an_error_that_hides_a_silent_receiver_does_not_bring_it_back(tell):
         assert "state/position" not in found
         assert (found["state/gps"].satellites, found["state/gps"].fix) == (None, GpsFix.NONE)
     assert "state/position" in tell(ErrorCode.RC_LOST)  # which a NaviCtrl shows only while its receiver is heard
-
-
-def test_the_satellites_of_the_data_sets_are_those_of_a_receiver_that_talks():
-    translator = StateTranslator()
-    states(blank(OsdDeviation, index=12, satellites=8), translator=translator)
-    for code, satellites in ((ErrorCode.NONE, 8), (ErrorCode.NO_GPS, None), (ErrorCode.NO_FC, None)):
-        told = states(blank(OsdFlags, index=11, error_code=code), translator=translator)
-        assert told["state/gps"].satellites == satellites

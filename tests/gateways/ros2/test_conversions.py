@@ -13,11 +13,9 @@ from hypothesis import strategies as st
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2 import conversions
 from mkdaemon.gateways.ros2.messages import Frames
-from mkdaemon.reading import line_of
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests import samples
 from tests.gateways.ros2.bagtypes import scene, through_cdr
-from tests.reading import events
 
 SECONDS = (1_700_000_100, 500_000_000)
 """Stamp of a sample, and nanoseconds of it."""
@@ -212,14 +210,6 @@ def test_the_body_is_nowhere_where_something_is_missing(position, latest):
     assert conversions.place(position, scene(latest)) is None
 
 
-@pytest.mark.parametrize(
-    ("event", "level"), [(events.WARNING, 30), (events.FAILSAFE, 40), (events.REFUSED, 40), (events.MODE, 20)]
-)
-def test_events_are_lines_of_a_log(event, level):
-    made, line = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log"), line_of(event)
-    assert (made.level, made.name, made.msg) == (level, "mk1", f"{line.text} {line.fix}".strip())
-
-
 def test_a_jpeg_goes_as_it_came_and_decoded_and_every_image_has_its_calibration_with_its_own_stamp():
     grey = np.tile(np.arange(0, 160, 10, dtype=np.uint8), (16, 1))
     coded = samples.image(coding="jpeg", pixels=encode_jpeg(grey, 95, 16)[0], width=16, height=16)
@@ -245,13 +235,3 @@ def test_detections_have_corners_from_bottom_left_counter_clockwise_and_markers_
     assert (made.ns, made.id, made.type) == ("tag36h11", 0, conversions.POLYGON)
     assert [(point.x, point.y) for point in made.points] == list(SQUARE)
     assert second.id == 1
-
-
-@given(st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=4, max_size=4))
-def test_the_homography_carries_the_ideal_corners_to_those_seen(shifts):
-    corners = tuple((x + dx, y + dy) for (x, y), (dx, dy) in zip(SQUARE, shifts, strict=True))
-    (tag,) = samples.tags(samples.AT, corners).tags
-    matrix = conversions.homography(tag)
-    for (x, y), seen in zip(((-1, 1), (1, 1), (1, -1), (-1, -1)), reversed(corners), strict=True):
-        u, v, w = matrix @ [x, y, 1.0]
-        assert (u / w, v / w) == pytest.approx(seen, abs=1e-6)
