@@ -15,7 +15,6 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.keys import Use, roots
 from mkdaemon.bus.session import open_session, session_config
-from mkdaemon.bus.tls import explain_tls_failure
 from mkdaemon.cli.mkdaemon.security.securing import new_ca
 from mkdaemon.errors import MkError
 from mkdaemon.stamp import Stamp
@@ -143,13 +142,6 @@ async def test_a_certificate_of_another_authority_is_told_why(guarded, certifica
     config.insert_json5("transport/link/tls/root_ca_certificate_base64", json.dumps(ours))
     with pytest.raises(MkError, match=r"refuses this client's certificate .*alert"):
         await open_session(config)
-
-
-async def test_certificates_that_are_not_there_are_named(tmp_path):
-    config = session_config("client", connect=["tls/localhost:1"], zenoh_file=CONFIGS / "zenoh" / "client-tls.json5")
-    config.insert_json5("transport/link/tls/connect_certificate", json.dumps(str(tmp_path / "none.pem")))
-    config.insert_json5("transport/link/tls/root_ca_certificate", "null")
-    assert "No such file" in explain_tls_failure(config)
 
 
 def rules_of(file):

@@ -16,12 +16,10 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import Payload, TooLong
 from mkdaemon.bus.floods import (
-    ALL_OTHERS,
     LONGEST_MESSAGE,
     PLAIN_RATE,
     QUERY_RATES,
     STRANGER_RATE,
-    QueryBudgets,
     ShedCounter,
 )
 from mkdaemon.bus.gateway import Bus
@@ -205,20 +203,6 @@ async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_rel
     assert len(busy) >= number - QUERY_RATES["do/lease"]
     assert busy[0]["fix"]
     assert sum(opened.take_shed().values()) >= len(busy)
-
-
-def test_each_kind_of_command_has_its_own_budget_and_a_long_one_counts_for_many():
-    now = 0.0
-    budgets = QueryBudgets(lambda: now)
-    assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"]
-    assert budgets.admit("do/release")
-    assert sum(budgets.admit(f"cmd/fc/{number}") for number in range(500)) == QUERY_RATES[ALL_OTHERS]
-    now = 0.5
-    assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"] / 2
-    long = [("do/waypoints_upload", 128_000, 6), ("do/nothing", 1 << 20, 2)]  # refused by its length, not as too many
-    for name, size, admitted in long:
-        budgets = QueryBudgets(lambda: 0.0)
-        assert sum(budgets.admit(name, size) for _ in range(500)) == admitted
 
 
 async def test_silent_connections_keep_no_client_out(bus):

@@ -10,7 +10,6 @@ import pytest
 import zenoh
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.gateway import UNKNOWN_SETPOINTS, Bus
 from mkdaemon.bus.keys import KEYS, Use, find
@@ -82,18 +81,6 @@ async def test_a_token_that_stands_for_many_names_is_nobody():
             await wait_until(lambda: "a" in seen)
             del tokens
     assert set(seen) == {"a"}
-
-
-def test_a_callback_that_does_not_understand_drops_and_counts():
-    dropped = []
-
-    def take(item):
-        raise KeyError(item)
-
-    callback, end = direct(take, lambda: dropped.append(1)), direct(take)
-    for one in (callback, end):
-        one.callback("x")
-    assert dropped == [1]
 
 
 @pytest.mark.parametrize(

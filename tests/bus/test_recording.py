@@ -10,7 +10,6 @@ import msgpack
 import zenoh
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.bus.codec import TooLate
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
 from mkdaemon.client.positions import PositionSender
@@ -127,26 +126,6 @@ async def test_what_the_owner_of_the_secret_sends_arrives_and_a_strangers_is_ref
                 await asyncio.to_thread(session.put, private_key(SECRET, PLAIN), payload, attachment=forged)
                 await wait_until(lambda: len(taken) == before + 1)
                 assert taken[-1][2] is None
-
-
-async def test_a_report_that_was_sent_too_long_ago_is_not_read():
-    endpoint = free_endpoint()
-    async with Bus.open(bus_config(endpoint), "t1", positions={SUFFIX: SECRET}) as bus:
-        taken = receive(bus, SECRET)
-        bus.announce()
-        now = [100.0]
-        async with connect("t1", endpoint) as uav:
-            sender = PositionSender(uav, "mocap", SECRET, clock=lambda: now[0], epoch=1)
-            sender.send(*POSE)
-            await wait_until(lambda: len(taken) == 1)
-            now[0] -= 2.0
-            sender.send(*POSE)
-            await wait_until(lambda: len(taken) == 2)
-            assert isinstance(taken[1][1], TooLate)
-            again = PositionSender(uav, "mocap", SECRET, clock=lambda: now[0], epoch=2)
-            again.send(*POSE)
-            await wait_until(lambda: len(taken) == 3)
-            assert isinstance(taken[2][1], bytes), "a sender that starts again has another clock"
 
 
 async def test_without_a_secret_the_plain_key_is_enough():

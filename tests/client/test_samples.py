@@ -7,26 +7,9 @@ import pytest
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
 from mkdaemon.client.samples import message_from, read_payload
-from mkdaemon.clock import Clock
 from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.state import Attitude
-from tests import samples as samples_of
-from tests.client.fake import settle
-
-
-async def test_telemetry_comes_back_as_the_model_that_was_published(daemon, uav):
-    async with uav.watch("state/attitude") as samples:
-        await settle(uav)
-        attitude = samples_of.attitude(yaw=0.3).model_copy(update={"stamp": Clock().stamp()})
-        daemon.bus.publish("state/attitude", attitude)
-        sample = await anext(samples)
-        assert (sample.suffix, sample.schema, sample.age) == ("state/attitude", "Attitude.v1", None)
-        assert sample.value == attitude
-        assert sample.fields["yaw"] == 0.3
-        last = await uav.get("state/attitude")
-        assert last.value == attitude
-        assert 0 <= last.age < 60
 
 
 def test_a_message_is_made_again_from_its_fields_or_an_error_names_the_field_that_does_not_fit():

@@ -78,10 +78,10 @@ async def test_mavlink_goes_on_beating(gateway, ears):
     for value in (unfit, *(value for _, value in strange(COUNT, seed=3))):
         with gateway.faults.contained("a value"):
             gateway.value_arrived(value)
-        before = len(ears.named("HEARTBEAT"))
+        ears.heard.clear()
         gateway._beat_at = float("-inf")
         gateway.tick()
-        assert len(ears.named("HEARTBEAT")) > before, value
+        assert ears.named("HEARTBEAT"), value
     assert gateway.faults.count > 0
     ears.heard.clear()
     await beat(ears, 1.0)

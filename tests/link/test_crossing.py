@@ -291,7 +291,7 @@ def test_a_port_error_alone_ends_nothing_and_the_next_port_begins_with_a_release
 @pytest.mark.parametrize("happen", [*LOSSES, Session.release, Session.stand_still, Session.cancel])
 def test_handing_in_a_frame_never_raises_whatever_the_line_is_doing(board, happen):
     """The refusal of a frame is a value: nothing of it may end the loop that flies."""
-    for turn in range(4, turns_of(board), 29):
+    for turn in range(4, turns_of(board), 37):
         session = Session(board)
         for later in range(6):
             session.loop.plan[turn + later] = [session.steer]

@@ -34,15 +34,6 @@ def test_a_stream_is_overdue_after_three_periods_and_not_before_a_fifth_of_a_sec
     assert (late.board, late.key) == ("nc", "osd")
 
 
-def test_a_stream_never_heard_is_overdue_from_when_it_was_asked_for():
-    arrivals = Arrivals()
-    arrivals.wanted("nc", {"osd": 0.1}, 5.0)
-    assert arrivals.overdue(5.29) == []
-    assert [kind.key for kind in arrivals.overdue(5.31)] == ["osd"]
-    [health] = arrivals.health(5.31, 10.0)
-    assert (health.frames, health.rate, health.is_stale, health.age) == (0, 0.0, True, 1e9)
-
-
 def test_rates_and_share_are_over_the_window_and_damage_of_an_outage_can_be_forgotten():
     received = ReceivedBytes(window=10.0)
     received.frame(90, 1.0)

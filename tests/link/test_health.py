@@ -21,9 +21,6 @@ class Line:
         self.streams = STREAMS if streams is None else streams
         self.probes = probes
         self.talks = self.listens = True
-        self.garbage: bytes = b""
-        self.reason = DropReason.CHARACTERS
-        self.backlog = 0
         self.lose_every = 0
         self._probe = 0
         self._last_probe = 0.0
@@ -51,9 +48,6 @@ class Line:
                 self._due[key] += interval
                 if self.talks:
                     health.frame_received("nc", key, 100, now)
-        if self.garbage:
-            health.bytes_received(len(self.garbage), now)
-            health.damaged(self.reason, self.garbage, now)
         rate = 0.101 if health.awaits_answer else 0.2
         if self.probes and now - self._last_probe >= rate:
             self._probe += 1
@@ -63,7 +57,7 @@ class Line:
             if self.listens and self.talks and not lost:
                 health.frame_received("nc", "echo", 10, now + 0.004)
                 health.probe_answered(self._probe, now + 0.004)
-        health.port_backlog(self.backlog, now)
+        health.port_backlog(0, now)
         health.judge(now)
 
 

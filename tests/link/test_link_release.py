@@ -41,11 +41,14 @@ async def hold(r: Rig, seconds: float, **fields: int) -> None:
 
 @pytest.mark.parametrize("word", EVERY_FC)
 @virtually
-async def test_a_release_is_confirmed_and_takes_effect(word):
-    async with rig(flight_ctrl(word, gate_parameter=200)) as r:
+async def test_a_release_is_confirmed_takes_effect_and_needs_no_guard(word):
+    guard = VirtualGuard()
+    async with rig(flight_ctrl(word, gate_parameter=200), guard=guard) as r:
         await r.until_up()
         await asyncio.sleep(0.3)
+        assert not guard.guard.is_armed, "nobody has flown"
         await hold(r, 1.0, pitch=20)
+        assert guard.guard.is_armed
         assert not released(r)
         began = asyncio.get_running_loop().time()
         result = await r.link.release("test")
@@ -53,10 +56,13 @@ async def test_a_release_is_confirmed_and_takes_effect(word):
         assert asyncio.get_running_loop().time() - began < 0.3
         await asyncio.sleep(0.6)
         assert released(r)
+        assert not guard.guard.is_armed
         last = [s for s in r.log.tx if s.purpose in (Purpose.SETPOINT, Purpose.RELEASE)][-6:]
         assert last[0].message.pitch == 0
         assert int(last[0].message.config) == 1
         await hold(r, 0.2)  # and control may be taken again
+    guard.stop()
+    assert guard.written == []
 
 
 @virtually
@@ -187,27 +193,6 @@ async def test_a_serial_server_that_stands_still_gathers_few_stick_frames(board,
         since = loop.time()
         await fly_steadily(r, 0.5, pitch=30)
         assert len(written(r, since)) >= 19
-
-
-def aircraft(word, nc):
-    return navi_ctrl(nc, word, gate_parameter=200) if nc else flight_ctrl(word, gate_parameter=200)
-
-
-@pytest.mark.parametrize(("word", "nc"), [("early", None), ("2.12a", "0.24")])
-@virtually
-async def test_an_ordinary_flight_and_its_release_need_no_guard(word, nc):
-    guard = VirtualGuard()
-    async with rig(aircraft(word, nc), guard=guard) as r:
-        await r.until(lambda: r.link.dialect.extern_control is not None and r.link.is_up, 5)
-        await asyncio.sleep(1.0)
-        assert not guard.guard.is_armed, "nobody has flown"
-        await fly_steadily(r, 2.0, pitch=20)
-        assert guard.guard.is_armed
-        await r.link.release("test")
-        await asyncio.sleep(0.1)
-        assert not guard.guard.is_armed
-    guard.stop()
-    assert guard.written == []
 
 
 @virtually

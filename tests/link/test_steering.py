@@ -48,14 +48,6 @@ def test_numbers_roll_and_never_are_zero(path):
     assert all((b - a) % 255 == 1 for a, b in itertools.pairwise(numbers))
 
 
-def test_the_last_command_is_remembered_until_the_port_is_lost(path):
-    send(path, 0.0)
-    assert path.last_command is not None
-    assert path.last_command.pitch == 10
-    path.restart()
-    assert path.last_command is None
-
-
 @pytest.mark.parametrize(
     ("second_at", "busy", "confirmed_at", "is_replaced"),
     [
@@ -77,23 +69,6 @@ def test_a_frame_that_is_not_confirmed_is_lost_and_blames_the_line_unless_anothe
     assert first != second
     assert (lost(path, 1.0), replaced(path)) == (1, is_replaced)  # it is counted, with the reason
     assert path._health.confirm.losses(1.0) == (1, 0) if is_replaced else (2, 1)
-
-
-def test_the_way_by_radio_is_taken_into_account(path):
-    for n in range(20):
-        path.confirmed(send(path, n * 0.1), n * 0.1 + 0.048)
-    send(path, 10.0)
-    second = send(path, 10.01)
-    path.board_was_busy(10.044, 10.061)
-    path.confirmed(second, 10.063)
-    assert replaced(path) == 1
-
-
-def test_where_none_can_come_none_is_missed(path):
-    path.sent(path.entry(STICKS, Purpose.RELEASE, 1.0), 0.0, confirms=False)
-    assert path.last_command is None
-    assert lost(path, 1.0) == 0
-    assert path._health.confirm.tally.fates().silent == 1
 
 
 VERSION_2_08 = VersionFc200.decode(bytes((2, 8, 11, 0, 0, 0, 0, 0, 0, 0, 0, 0)))

@@ -94,18 +94,3 @@ def test_si_values_turn_to_flu_and_back():
 def test_an_si_value_that_cannot_be_sent_is_refused(value):
     with pytest.raises(EncodeError, match="Roll"):
         S8("Roll", STICK).from_si(value)
-
-
-@pytest.mark.parametrize(
-    ("field", "raw", "text"),
-    [
-        (Text("t", 6), b"abc\0xy", "abc"),
-        (Text("t", 6), b"abc   ", "abc   "),
-        (Text("t", 6, pad=" "), b"abc   ", "abc"),
-        (Text("t", 6, pad=" "), b"ab\0 c ", "ab"),
-        (Text("t", 6, trim=False), b"a\0b   ", "a\0b   "),
-        (Text("t", 2), b"\xe4\xff", "äÿ"),
-    ],
-)
-def test_received_text_loses_its_padding_only_where_trimmed(field, raw, text):
-    assert field.read_text(raw) == text

@@ -121,12 +121,6 @@ def test_a_right_checksum_does_not_excuse_a_foreign_character(head):
     assert FrameDecoder().feed(raw) == [Dropped(DropReason.CHARACTERS, raw)]
 
 
-def test_text_before_a_frame_in_progress_is_shed_and_the_frame_kept():
-    decoder = FrameDecoder()
-    assert decoder.feed(b"x" * 600 + GOOD[:-1]) == [Dropped(DropReason.TEXT, b"x" * 600)]
-    assert decoder.feed(b"\r") == [Frame(1, "v", b"", GOOD)]
-
-
 @given(
     st.lists(st.binary(max_size=600) | st.sampled_from([b"#", b"\r", GOOD, GOOD[:3], b"#b" + b"=" * 300]), max_size=12)
 )

@@ -101,13 +101,6 @@ def test_an_unknown_revision_or_one_of_the_wrong_length_is_raw_only(revision, si
         ParameterSet.from_payload(b"")
 
 
-def test_a_wrong_name_is_answered_with_the_nearest():
-    with pytest.raises(ProtocolError, match="106 has no 'gyro_ p'; the nearest name is 'gyro_p'"):
-        blank(106)["gyro_ p"]
-    with pytest.raises(ProtocolError, match="73 has no 'gyro_d'"):
-        blank(73)["gyro_d"]
-
-
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [

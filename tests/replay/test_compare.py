@@ -43,12 +43,6 @@ def test_what_the_core_answered_is_compared_as_values_are():
     assert (report.key, report.differing, report.fields) == ("core/LeaseAsked", 1, {"": 1})
 
 
-@pytest.mark.parametrize(("key", "field"), [("event/command", "key"), ("event/failsafe", "action")])
-def test_two_who_publish_under_one_key_are_told_apart(key, field):
-    value = msgpack.packb({"stamp": {"monotonic": 1.0}, field: "this"})
-    assert compared([value], [value], key).key == f"{key}:this"
-
-
 @pytest.mark.parametrize(
     ("before", "after", "fields"),
     [

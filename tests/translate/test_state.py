@@ -28,7 +28,7 @@ from mkdaemon.protocol.messages.osdsets import (
     OsdWaypoint,
 )
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import AngleScale, GpsFix, GpsMode
+from mkdaemon.telemetry.state import AngleScale, GpsFix
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, fc_is_lost, motors_running
 
@@ -157,19 +157,6 @@ def test_each_flag_is_its_own_boolean_and_no_other(field, flag, name):
     changed = {key for key, value in off.model_dump().items() if on.model_dump()[key] != value}
     assert changed == {name}
     assert getattr(on, name) is True
-
-
-def test_gps_mode_and_error_come_with_their_words():
-    for flag, mode in (
-        (NaviStatus.FREE, GpsMode.FREE),
-        (NaviStatus.POSITION_HOLD, GpsMode.HOLD),
-        (NaviStatus.COMING_HOME, GpsMode.COME_HOME),
-        (NaviStatus(0), GpsMode.UNKNOWN),
-    ):
-        assert states(blank(OsdData5, version=5, nc_flags=flag))["state/flight"].gps_mode == mode
-    flight = states(blank(OsdData5, version=5, error_code=7))["state/flight"]
-    assert (flight.error_code, bool(flight.error)) == (7, True)
-    assert states(blank(OsdData5, version=5))["state/flight"].error == ""
 
 
 @pytest.mark.parametrize("board", ["nc", "fc"])
