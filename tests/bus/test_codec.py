@@ -1,4 +1,4 @@
-"""Encodings, schemas and the table of keys."""
+"""What is read from the bus: maps, setpoints and requests, each within its limits."""
 
 from __future__ import annotations
 

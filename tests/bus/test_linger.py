@@ -1,4 +1,4 @@
-"""Clients that stop or vanish while bytes wait for them hold up nobody else."""
+"""Which sockets no longer wait for clients that vanished; that they hold up nobody is asked by `lab attack`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from contextlib import closing
 from mkdaemon.bus.linger import LingerSweep
 
 LINGER = struct.Struct("ii")
-"""Of the clients that vanish [s]: so long after their last word their connections are closed."""
-"""Zenoh waits for twice as long [s]."""
 
 
 def lingering(one):

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from mkdaemon.client.session import (
     ENGAGING,
     GRACE,
-    LATEST_NEWS,
     SETTLING,
     SIGHTING,
     SILENCE,
@@ -141,25 +140,6 @@ def test_refusals_of_strangers_the_network_and_an_ended_lease_do_not_count(token
     flight.event_arrived(refusal(), 0.0)
     assert "no target" in flight.reason
     assert (str(flight.take_refusal()), flight.take_refusal()) == ("no_estimate: no target. ", None)
-
-
-@pytest.mark.parametrize(
-    ("at", "status", "ends"),
-    [
-        (LATEST_NEWS - 0.1, control_status(Phase.FLYING, EPOCH, manoeuvre="takeoff", is_done=True), False),
-        (LATEST_NEWS, control_status(Phase.FLYING, EPOCH, manoeuvre="takeoff", is_done=True), True),
-        (LATEST_NEWS, control_status(Phase.FLYING, EPOCH, manoeuvre="hold", is_done=True), False),
-        (LATEST_NEWS, control_status(Phase.STALE, EPOCH, manoeuvre="takeoff", is_done=True), False),
-        (LATEST_NEWS, control_status(Phase.FLYING, EPOCH, manoeuvre="takeoff"), False),
-    ],
-)
-def test_a_manoeuvre_ends_when_the_daemon_reports_it_done(at, status, ends):
-    flight = session(HELD, phase=Phase.FLYING)
-    flight.fly(RepeatedSetpoint("takeoff", {"height": 2.0}, SIGHTING, 30.0, is_until_done=True), 0.0)
-    flight.step(0.0)
-    flight.status_arrived(status, at)
-    assert (flight.step(at) is None) is ends
-    assert (flight.finished is not None) is ends
 
 
 @pytest.mark.parametrize(

@@ -6,47 +6,11 @@ import pytest
 
 from mkdaemon.link.session.evidence import (
     CAPACITY,
-    OVERDUE,
-    STALE_PERIODS,
     WEIGHT,
-    Arrivals,
     ReceivedBytes,
     RoundTrips,
 )
 from mkdaemon.protocol.framing import DropReason
-
-
-def stream(interval: float, *, until: float = 10.0) -> Arrivals:
-    """A stream that was asked for at 0 s and came on time."""
-    arrivals = Arrivals()
-    arrivals.wanted("nc", {"osd": interval}, 0.0)
-    for step in range(1, round(until / interval) + 1):
-        arrivals.received("nc", "osd", step * interval)
-    return arrivals
-
-
-@pytest.mark.parametrize("interval", [0.02, 0.1, 1.0])
-def test_a_stream_is_overdue_after_three_periods_and_not_before_a_fifth_of_a_second(interval: float):
-    arrivals = stream(interval)
-    patience = max(STALE_PERIODS * interval, OVERDUE)
-    assert arrivals.overdue(10.0 + patience - 0.001) == []
-    [late] = arrivals.overdue(10.0 + patience + 0.001)
-    assert (late.board, late.key) == ("nc", "osd")
-
-
-def test_rates_and_share_are_over_the_window_and_damage_of_an_outage_can_be_forgotten():
-    received = ReceivedBytes(window=10.0)
-    received.frame(90, 1.0)
-    received.damaged(DropReason.CHECKSUM, bytes(10), 1.0, keep_text=True)
-    received.damaged(DropReason.LENGTH, bytes(20), 2.0, keep_text=True)
-    assert received.share(2.0) == (30, 120)
-    assert received.rates(2.0) == (pytest.approx(3.0), pytest.approx(0.1))
-    assert received.share(11.5) == (20, 20)
-    assert received.rates(12.5) == (0.0, 0.0)
-    received.damaged(DropReason.LENGTH, bytes(20), 13.0, keep_text=True)
-    received.forget_damage()
-    assert received.damaged_since(0.0) == 0
-    assert received.share(13.0) == (0, 20)
 
 
 def test_the_share_is_of_what_is_remembered():

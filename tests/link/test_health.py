@@ -1,4 +1,4 @@
-"""Health: every condition from its evidence, each within half a second, and nothing claimed without proof."""
+"""Health: what evidence shows over time, and nothing claimed without proof; each fault as such in test_link_truth."""
 
 from __future__ import annotations
 

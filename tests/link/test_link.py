@@ -1,4 +1,4 @@
-"""The whole link, in virtual time, against the simulated boards; floods, and what a recorder is shown of it."""
+"""The whole link, in virtual time, against the simulated boards; floods."""
 
 from __future__ import annotations
 
@@ -249,9 +249,6 @@ async def test_a_stream_that_another_program_left_behind_is_ended_and_told(r):
     assert r.log.kinds(since=began)["O"] > 0
     asked = [sent.message.interval for sent in r.log.tx if isinstance(sent.message, DebugRequest)]
     assert set(asked) == {0}, "it is ended, and never asked for"
-
-
-"""Length of each flight [s]; streams live for 4.1 s."""
 
 
 @on_line(flight_ctrl())

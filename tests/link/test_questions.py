@@ -173,18 +173,6 @@ def test_too_much_waiting_is_refused_and_leaves_nothing_behind():
     assert len(bench.questions.book.pending) == QUEUE_LIMIT
 
 
-def test_the_loss_of_the_port_and_a_line_never_free_are_outcomes_too():
-    bench = Bench()
-    lost = bench.questions.ask(LabelRequest(index=1), Board.NC, bench.now)
-    bench.questions.port_lost("unplugged")
-    late = bench.questions.ask(LabelRequest(index=2), Board.NC, bench.now)
-    bench.questions.never_sent(late, bench.now)
-    assert bench.questions.take_finished() == [
-        Unanswered(lost, "unplugged"),
-        Unanswered(late, "the line was never free for the request"),
-    ]
-
-
 def test_what_a_board_says_about_another_proves_nothing():
     bench = Bench()
     bench.peers.redirected = Board.FC

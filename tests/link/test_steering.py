@@ -42,12 +42,6 @@ def replaced(path: ControlPath) -> int:
     return path._health.confirm.tally.fates().replaced
 
 
-def test_numbers_roll_and_never_are_zero(path):
-    numbers = [path.entry(STICKS, Purpose.SETPOINT, 1.0).number for _ in range(600)]
-    assert set(numbers) == set(range(1, 256))
-    assert all((b - a) % 255 == 1 for a, b in itertools.pairwise(numbers))
-
-
 @pytest.mark.parametrize(
     ("second_at", "busy", "confirmed_at", "is_replaced"),
     [

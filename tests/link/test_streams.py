@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import pytest
 from hypothesis import given
@@ -22,8 +21,8 @@ from mkdaemon.link.session.renewal import (
     renewal_interval,
     time_between_ends,
 )
-from mkdaemon.link.session.streamkinds import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, kind_of, round_up_interval
-from mkdaemon.link.session.streams import ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
+from mkdaemon.link.session.streamkinds import KINDS, kind_of
+from mkdaemon.link.session.streams import OVERDUE_PERIODS, Streams, Subscriptions, check_rates
 from mkdaemon.protocol.messages import AttitudeRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
@@ -58,17 +57,6 @@ def test_the_renewal_is_a_kind_nobody_wants_because_interval_0_costs_no_frame():
     assert min(gaps) == pytest.approx(subscriptions.renewal, abs=0.011)
 
 
-def test_ending_a_stream_stops_it_and_keeps_the_others(subscriptions):
-    subscriptions.want("osd", 0.1)
-    subscriptions.want("debug", 0.1)
-    subscriptions.due(0.0)
-    subscriptions.want("osd", 0)
-    subscriptions.want("display", 0)
-    assert subscriptions.next_time() == -math.inf
-    assert subscriptions.due(0.1) == [OsdRequestV1(interval=0)]
-    assert subscriptions.wanted == {"debug": 0.1}
-
-
 def asked_for(key: str, interval: float, silent_for: float) -> list[float]:
     """When a stream is asked for that ran for a second and then fell silent; from its last frame on [s]."""
     subscriptions = Subscriptions(Board.FC, HeardShare())
@@ -88,13 +76,6 @@ def test_the_attitude_is_asked_for_after_three_periods_and_then_until_it_comes(i
     gaps = [after - before for before, after in itertools.pairwise(times)]
     assert len(times) > 25
     assert all(0.1 <= gap <= 0.2 for gap in gaps)
-
-
-def test_a_stream_that_flight_does_not_need_is_asked_for_more_and_more_rarely():
-    gaps = [after - before for before, after in itertools.pairwise(asked_for("debug", 0.1, 8.0))]
-    assert all(after > 0.99 * before for before, after in itertools.pairwise(gaps))
-    assert gaps[0] < 0.35
-    assert max(gaps) == pytest.approx(ASK_RARELY, abs=0.01)
 
 
 def test_a_stream_a_board_does_not_have_is_refused_with_those_it_has():
@@ -126,15 +107,6 @@ def configured(**rates):
 
 def demand_of(streams):
     return budget.Demand(streams, echo_hz=5.0)
-
-
-@given(wish=INTERVALS)
-def test_no_stream_is_asked_for_faster_than_wished(wish):
-    real = round_up_interval(wish)
-    assert FASTEST <= real <= SLOWEST_TIME + 1e-9
-    assert real == pytest.approx(round(real / TICK_TIME) * TICK_TIME)
-    assert real >= min(wish, SLOWEST_TIME) - 1e-7
-    assert real < max(wish, FASTEST) + TICK_TIME
 
 
 @given(board=st.sampled_from([Board.NC, Board.FC]), wishes=st.dictionaries(st.sampled_from(list(KINDS)), INTERVALS))
@@ -177,14 +149,6 @@ def test_what_a_clients_own_request_started_ends_with_the_board_it_was_started_o
         streams.restart()
     else:
         streams.use_board(Board.NC)
-    assert streams.wanted == {"osd": pytest.approx(0.5)}
-
-
-def test_a_clients_request_to_end_a_stream_touches_no_wish():
-    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
-    streams.use_board(Board.NC)
-    streams.want("osd", 0.5, RULES, demand_of)
-    streams.request_received(OsdRequestV1(interval=0), Board.NC, 0.0, RULES, demand_of)
     assert streams.wanted == {"osd": pytest.approx(0.5)}
 
 

@@ -1,4 +1,4 @@
-"""The whole table: worked frames, random values, rules every declaration keeps."""
+"""The whole table: worked frames, random values, damaged frames, and which messages are dangerous."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was written is read back exactly, by us and by the library of MCAP, whatever is cut off or changed."""
+"""What was written is read back exactly, whatever is cut off or changed."""
 
 from __future__ import annotations
 

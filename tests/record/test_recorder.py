@@ -155,6 +155,14 @@ def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
     assert (bench.queue.lost, bench.recorder.report.entries) == (50, 20)
 
 
+def test_a_file_is_brought_to_the_disk_as_often_as_configured(tmp_path):
+    bench = Bench(tmp_path, sync_period=5.0)
+    for number in range(1, 201):
+        bench.put(number, number)
+        bench.run(0.1)
+    assert bench.disk.synced == pytest.approx(20 / 5, abs=1)
+
+
 def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path, monkeypatch):
     bench = Bench(tmp_path, capacity=50_000)
     hanging, go_on = threading.Event(), threading.Event()

@@ -20,28 +20,6 @@ def tapped(capacity=10**6):
     return Tap(queue, clock, "mk1", TimeBase.of(clock.stamp())), queue
 
 
-def test_each_kind_and_key_is_numbered_from_one():
-    tap, queue = tapped()
-    tap.sample("state/gps", b"a", "application/msgpack;mk.Gps.v1", STAMP)
-    tap.sample("state/gps", b"b", "application/msgpack;mk.Gps.v1", STAMP)
-    tap.sample("state/pilot", b"c", "application/msgpack;mk.Pilot.v1", None)
-    tap.query("do/mark", b"\x80", 3, "0a1b")
-    tap.reply("do/mark", b"\x80", "application/msgpack;mk.CommandResult.v1", 3)
-    entries = queue.take(10)
-
-    assert [(entry.kind, entry.key, entry.sequence) for entry in entries] == [
-        (EntryKind.SAMPLE, "mk/mk1/state/gps", 1),
-        (EntryKind.SAMPLE, "mk/mk1/state/gps", 2),
-        (EntryKind.SAMPLE, "mk/mk1/state/pilot", 1),
-        (EntryKind.QUERY, "mk/mk1/do/mark", 1),
-        (EntryKind.REPLY, "mk/mk1/do/mark", 1),
-    ]
-    assert [entry.exchange for entry in entries] == [0, 0, 0, 3, 3]
-    assert [entry.source for entry in entries] == ["", "", "", "0a1b", ""]
-    assert [entry.received for entry in entries] == [42.0] * 5
-    assert [entry.published for entry in entries[:3]] == [1_760_000_041.25, 1_760_000_041.25, 1_760_000_042.0]
-
-
 def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     tap, queue = tapped()
     encoding = "application/msgpack;mk.StickSetpoint.v1"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections import Counter
 from dataclasses import replace
 from importlib import import_module
 from random import Random
@@ -20,14 +19,13 @@ from mkdaemon.cli.program import run
 from mkdaemon.control.events import NOTED, FrameNotSent
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
-from mkdaemon.protocol.framing import DropReason
 from mkdaemon.protocol.messages import OsdData5
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.events import pack_event, unpack_event
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.compare import compare
-from mkdaemon.replay.recorded import Recorded, fields_of, read_recorded
+from mkdaemon.replay.recorded import Recorded, read_recorded
 from mkdaemon.replay.report import verify
 from mkdaemon.replay.run import replay
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -265,20 +263,6 @@ def test_a_frame_whose_number_was_not_recorded_is_found_missing_and_no_other():
     assert (report.new, report.missing) == (1, 0)
 
 
-def test_bytes_that_were_never_written_come_out_as_they_were_dropped():
-    def drop_first(entries):
-        first = first_of(entries, "raw/tx")
-        fields = fields_of(entries[first]) | {"dropped": DropReason.CHECKSUM.value}
-        entries[first] = entries[first]._replace(payload=msgpack.packb(fields))
-        return entries
-
-    recorded = sticks_with(drop_first)
-    outputs = [msgpack.unpackb(o.payload) for o in replay(recorded, recorded.config).outputs if o.suffix == "raw/tx"]
-    dropped = Counter(fields["dropped"] for fields in outputs if fields["dropped"])
-    assert dropped[DropReason.CHECKSUM.value] == 1
-    assert dropped.keys() <= {DropReason.CHECKSUM.value, DropReason.EXPIRED.value}
-
-
 def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_from_nothing():
     recorded = sticks_with(lambda entries: [entry for entry in entries if entry.kind is not EntryKind.EVENT])
     assert recorded.first_epoch() == 0
@@ -310,13 +294,3 @@ def test_what_no_daemon_records_is_named_and_no_defect_of_ours(tmp_path, kind, s
     path = written(tmp_path / "a.mcap", [*entries[: place + 1], strange, *entries[place + 1 :]])
     with pytest.raises(MkError, match=f"{suffix}"):
         verify([path])
-
-
-def test_stamps_of_strangers_do_not_set_the_clock():
-    stamps = ({"wall": "a", "monotonic": 1.0}, {"wall": b"a"}, {"wall": float("inf"), "monotonic": 0.0}, 3, None)
-
-    def add_strangers(entries):
-        told = {"kind": EntryKind.SAMPLE, "key": "mk/mk1/event/log", "encoding": "application/msgpack"}
-        return entries + [entries[0]._replace(payload=msgpack.packb({"stamp": one}), **told) for one in stamps]
-
-    assert sticks_with(add_strangers).wall_offsets() == sticks_with().wall_offsets()

@@ -1,4 +1,4 @@
-"""The one table of refusals: complete, used, documented, and the only place with words."""
+"""The one table of refusals: complete, used, and the only place with words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wire messages to SI: signs, units and sources, on recorded frames and on frames made for the purpose."""
+"""Wire messages to SI: signs, units and sources, on frames made for the purpose."""
 
 from __future__ import annotations
 

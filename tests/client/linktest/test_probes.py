@@ -1,4 +1,4 @@
-"""What became of every frame that wants an answer; figures of a measurement of the line, and measurements as CSV."""
+"""What became of every frame that wants an answer, and measurements as CSV."""
 
 from __future__ import annotations
 

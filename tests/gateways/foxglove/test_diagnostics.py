@@ -35,13 +35,3 @@ def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_with_the_ne
             shown_at.append((at, line["level"]))
     assert shown_at == [(0.0, 0), (1.0, 0), (2.0, 0), (2.75, 2), (3.75, 2), (4.75, 2)]
     assert shown_at[3][0] <= 41 / 16 + LOOK_PERIOD
-
-
-def test_the_verdict_comes_first_and_a_part_that_falls_silent_is_stale():
-    show = Diagnostics(NAMES)
-    lines = json.loads(show("control/status", samples.status(1.0)))["status"]
-    assert [line["name"] for line in lines] == ["verdict", "control"]
-    show("state/battery", samples.battery(1.0))
-    lines = {line["name"]: line for line in json.loads(show("state/battery", samples.battery(9.0)))["status"]}
-    assert {name: line["level"] for name, line in lines.items()} == {"verdict": 1, "control": 3, "battery": 0}
-    assert lines["verdict"]["message"] == "control silent for 8.0 s"

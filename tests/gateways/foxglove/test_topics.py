@@ -1,4 +1,4 @@
-"""Topics: schemas that viewers can read, keys that exist, no key without one, and layouts that name what is there."""
+"""Topics: schemas that viewers can read, keys that exist, and no key without one."""
 
 from __future__ import annotations
 
@@ -9,13 +9,7 @@ import zenoh
 
 from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client.patterns import is_known
-from mkdaemon.gateways.foxglove.topics import (
-    CAMERA,
-    SHOWN_OTHERWISE,
-    TOPICS,
-    json_keys,
-    json_schema,
-)
+from mkdaemon.gateways.foxglove.topics import CAMERA, SHOWN_OTHERWISE, TOPICS, json_keys, json_schema
 from tests.gateways.foxglove.viewer import complaints, message_class
 
 

@@ -1,4 +1,4 @@
-"""The aircraft's values as ROS messages: frames, signs, units, covariances, stamps; diagnostics in its own words."""
+"""The aircraft's values as ROS messages: frames, signs, units, covariances, stamps."""
 
 from __future__ import annotations
 

@@ -82,15 +82,6 @@ def test_restore_writes_only_what_differs_and_keeps_the_active_set() -> None:
     assert differing(wanted[1], done.before[1]) == (10,)
 
 
-def test_what_the_board_changed_is_told_not_hidden() -> None:
-    board = FlightCtrl(active=3)
-    board.rule = lambda raw: raw[:20] + bytes([min(raw[20], 7)]) + raw[21:]
-    wanted = board.sets[3][:20] + b"\x63" + board.sets[3][21:]
-    done = drive(restore_settings({3: wanted}, PATIENCE), board)
-    assert differing(wanted, done.stored[3]) == (20,)
-    assert (wanted[20], done.stored[3][20]) == (0x63, 7)
-
-
 def test_wrong_revision_and_length_write_nothing() -> None:
     board = FlightCtrl()
     before = dict(board.sets)

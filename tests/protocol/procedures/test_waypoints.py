@@ -161,14 +161,6 @@ def test_verify_names_point_and_field() -> None:
     assert str(drive(verify_points(points[:1], PATIENCE), board)[-1]) == "point 2 is one too many"
 
 
-def test_a_point_flown_to_is_still_the_same() -> None:
-    board, points = NaviCtrl(), route(1)
-    drive(upload_points(points, PATIENCE), board)
-    board.points[0] = board.points[0][:12] + b"\x02" + board.points[0][13:]
-    assert drive(verify_points(points, PATIENCE), board) == ()
-    assert content_hash([WriteWaypoint024.decode(board.points[0])]) == content_hash(points)
-
-
 @pytest.mark.parametrize(
     ("release", "point", "message"),
     [
