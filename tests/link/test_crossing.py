@@ -249,7 +249,7 @@ def assert_cancelled(session: Session, turn: int) -> None:
 @pytest.mark.parametrize("may_open", [True, False], ids=["", "gone"])
 def test_a_cancellation_ends_the_link_whatever_port_error_comes_with_it(board, lose, may_open):
     """The port is lost three turns before, or in the same turn as the cancellation, before or after it, or later."""
-    step = {(Session.lose_port, True): 7, (Session.fail_writes, True): 11}.get((lose, may_open), 19)
+    step = {(Session.lose_port, True): 9, (Session.fail_writes, True): 13}.get((lose, may_open), 19)
     first = 4 if board is Board.FC else 5  # what both boards wait for is met before every turn
     for turn in range(first, turns_of(board), step):
         for after in (0,) if turn % 4 else (0, OTHER_TURNS[turn // 4 % 6]):

@@ -138,7 +138,7 @@ async def test_nothing_that_could_harm_is_sent_by_itself():
     for make in (flight_ctrl("2.08"), flight_ctrl("2.12a"), navi_ctrl(), navi_ctrl("2.14", "2.14")):
         async with rig(make) as r:
             await r.until_up()
-            await asyncio.sleep(5)
+            await asyncio.sleep(3)
             letters = {s.message.spec.id for s in r.log.tx if s.message is not None}
             assert letters <= set("bvzocdu")
 

@@ -157,7 +157,7 @@ async def test_rates_change_at_run_time_and_only_within_the_line(r):
 async def test_streams_live_longer_than_the_boards_timer_and_rates_survive_a_replug(r):
     await asyncio.sleep(0.5)
     r.link.set_rate("osd", 0.2)
-    await asyncio.sleep(20)
+    await asyncio.sleep(10)
     renewals = [s for s in r.log.tx if s.purpose is Purpose.SUBSCRIPTION]
     assert all(s.message.interval == 0 for s in renewals[4:])
     r.socket.unplug()

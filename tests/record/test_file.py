@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mkdaemon.record.entry import Congestion, Entry, EntryKind, Qos, TimeBase
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.writer import RecordingWriter, View
+from mkdaemon.record.writer import RecordingWriter
 from tests.record.support import BASE, SESSION, sample
 
 
@@ -30,9 +30,9 @@ class Sink(io.BytesIO):
         return written
 
 
-def write(entries: list[Entry], *, every: int = 50, finish: bool = True, view: View | None = None) -> Sink:
+def write(entries: list[Entry], *, every: int = 50, finish: bool = True) -> Sink:
     sink = Sink()
-    writer = RecordingWriter(sink, SESSION, view)
+    writer = RecordingWriter(sink, SESSION)
     for number, entry in enumerate(entries, 1):
         writer.add(entry)
         if number % every == 0:
