@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.bus.codec import (
-    MAX_DEPTH,
-    TooLong,
-    decode_map,
-    read_command,
-)
+from mkdaemon.bus.codec import MAX_DEPTH, TooLong, decode_map, read_command
 from mkdaemon.bus.keys import find
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.mission import MissionPoint, WaypointsUploadRequest

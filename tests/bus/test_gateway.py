@@ -15,13 +15,7 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import Payload, TooLong
-from mkdaemon.bus.floods import (
-    LONGEST_MESSAGE,
-    PLAIN_RATE,
-    QUERY_RATES,
-    STRANGER_RATE,
-    ShedCounter,
-)
+from mkdaemon.bus.floods import LONGEST_MESSAGE, PLAIN_RATE, QUERY_RATES, STRANGER_RATE, ShedCounter
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import FLOOD, STRANGERS, SetpointIntake
 from mkdaemon.bus.session import session_config

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.link.session.evidence import (
-    CAPACITY,
-    WEIGHT,
-    ReceivedBytes,
-    RoundTrips,
-)
+from mkdaemon.link.session.evidence import CAPACITY, WEIGHT, ReceivedBytes, RoundTrips
 from mkdaemon.protocol.framing import DropReason
 
 

@@ -12,11 +12,7 @@ from lab.rigs.sticks import build_sticks
 from lab.rigs.waiting import running
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import (
-    CommandRejectedError,
-    LinkLostError,
-    RequestTimeoutError,
-)
+from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.dialogue import Dialogue

@@ -11,11 +11,7 @@ from lab.rigs.linkrig import Log, Rig, flight_ctrl, navi_ctrl, on_line, rig, vir
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.link.session.traffic import Purpose, SetpointFate, SetpointQueued, SetpointRefused
-from mkdaemon.protocol.messages import (
-    DebugRequest,
-    ExternControlV1,
-    ExternControlV2,
-)
+from mkdaemon.protocol.messages import DebugRequest, ExternControlV1, ExternControlV2
 
 EVERY_FC = ("early", "2.08", "2.12a", "2.14")
 

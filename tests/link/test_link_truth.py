@@ -13,16 +13,12 @@ from lab.rigs.boardport import ADAPTER_TIME, LineFault, Socket
 from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, on_line, rig, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import (
-    LinkLostError,
-)
+from mkdaemon.errors import LinkLostError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.reopening import GARBAGE_PATIENCE, PROVEN_PATIENCE, BaudSearch
 from mkdaemon.link.session.verdict import STUCK, HeldFinding, VerdictFinding
-from mkdaemon.protocol.messages import (
-    OsdRequestV1,
-)
+from mkdaemon.protocol.messages import OsdRequestV1
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.virtualtime import VirtualLoop
 

@@ -10,14 +10,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.peers import Peers
-from mkdaemon.link.session.questions import (
-    Pending,
-    QuestionAnswered,
-    Questions,
-    RequestBook,
-    Unanswered,
-    answers,
-)
+from mkdaemon.link.session.questions import Pending, QuestionAnswered, Questions, RequestBook, Unanswered, answers
 from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (

@@ -18,13 +18,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.reopening import (
-    GARBAGE_PATIENCE,
-    SILENT_PATIENCE,
-    STUCK_PATIENCE,
-    AliasMemory,
-    BaudSearch,
-)
+from mkdaemon.link.session.reopening import GARBAGE_PATIENCE, SILENT_PATIENCE, STUCK_PATIENCE, AliasMemory, BaudSearch
 from mkdaemon.link.session.verdict import HeldFinding, VerdictCause, VerdictFinding
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.telemetry.link import LinkCondition

@@ -9,13 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.link.session.line import FC_GAP, FORWARDING_GAP, RESYNC, LineRules
-from mkdaemon.link.session.scheduler import (
-    CATCH_UP,
-    CREEP,
-    RESYNC_AFTER,
-    QueuedTransmission,
-    TransmitScheduler,
-)
+from mkdaemon.link.session.scheduler import CATCH_UP, CREEP, RESYNC_AFTER, QueuedTransmission, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import AttitudeRequest, EchoRequest, ExternControlV2, LabelRequest
 from mkdaemon.protocol.wire import Board

@@ -6,10 +6,7 @@ from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.evidence import ControlForm
-from mkdaemon.protocol.generations import (
-    DeadMan,
-    Release,
-)
+from mkdaemon.protocol.generations import DeadMan, Release
 from mkdaemon.protocol.messages import (
     AttitudeDataNc,
     ControlStateV1,

@@ -5,14 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.errors import EncodeError
-from mkdaemon.protocol.framing import (
-    MAX_FRAME_CHARS,
-    Dropped,
-    DropReason,
-    Frame,
-    FrameDecoder,
-    encode_frame,
-)
+from mkdaemon.protocol.framing import MAX_FRAME_CHARS, Dropped, DropReason, Frame, FrameDecoder, encode_frame
 from tests.protocol.strategies import split
 
 GOOD = b"#bv@x\r"

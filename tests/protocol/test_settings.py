@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 from mkdaemon.errors import EncodeError, MkError, ProtocolError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import Settings
-from mkdaemon.protocol.settings import (
-    ParameterSet,
-    SetChange,
-    known_revisions,
-    layout_of,
-)
+from mkdaemon.protocol.settings import ParameterSet, SetChange, known_revisions, layout_of
 from mkdaemon.protocol.settings_file import SettingsFile, parse_value
 
 REVISIONS = st.sampled_from(known_revisions())

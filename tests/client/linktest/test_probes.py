@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.client.linktest.measures import (
-    LoadRun,
-)
+from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probefile import HEADER, read_csv, to_csv
 from mkdaemon.client.linktest.probes import Ledger, Probe, ProbeKind
 from mkdaemon.errors import ConfigError

@@ -8,14 +8,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.metadata import (
-    COMPONENT_METADATA,
-    Error,
-    FileServer,
-    Opcode,
-    checksum,
-    documents,
-)
+from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, Error, FileServer, Opcode, checksum, documents
 from mkdaemon.gateways.mavlink.stations import By, Program
 from tests.gateways.mavlink.rig import virtually
 
