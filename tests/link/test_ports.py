@@ -21,7 +21,7 @@ from mkdaemon.errors import ConfigError, LinkError, LinkLostError
 from mkdaemon.link.ports import serialport
 from mkdaemon.link.ports.port import PortAddress, open_port, parse_address
 from mkdaemon.link.ports.serialport import SerialPort, open_serial
-from mkdaemon.link.ports.tcpport import OVERDUE, SEND_BUFFER
+from mkdaemon.link.ports.tcpport import OVERDUE
 
 PATIENCE = 60.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""
@@ -399,21 +399,6 @@ async def test_draining_waits_for_a_tcp_connection_that_takes_its_time():
     writer.close()
     await writer.wait_closed()
     server.close()
-
-
-async def test_little_waits_in_the_kernel_and_not_for_long_and_what_was_acknowledged_is_no_backlog():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = await open_port(f"tcp:127.0.0.1:{server.getsockname()[1]}")
-        with socket.socket(fileno=os.dup(port.descriptor)) as same:
-            assert same.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 4 * SEND_BUFFER
-            assert same.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 3000
-            assert same.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
-        for _ in range(20):
-            port.write(b"#bb stick frame")
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(2 * OVERDUE)
-        assert port.backlog == 0
-        await port.close()
 
 
 async def test_tcp_mistakes(monkeypatch):

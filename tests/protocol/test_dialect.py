@@ -217,25 +217,6 @@ def test_navidata_tells_its_own_version():
     assert decide(strange).unsupported[Board.NC, "osd_request"] == "NaviData version 2 is not documented"
 
 
-@pytest.mark.parametrize(
-    ("release", "missing"),
-    [
-        ((0, 71), {"mixer_request", "write_mixer", "select_settings", "serial_channels"}),
-        ((0, 79), {"motor_controller_request", "write_motor_controller", "receiver_bridge"}),
-        ((0, 80), {"receiver_bridge"}),
-        ((2, 12), set()),
-    ],
-)
-def test_what_a_flightctrl_does_not_know(release, missing):
-    fork = {"arm_motors", "disarm_motors", "recalibrate", "beep"}
-    unsupported = {key for board, key in fc(*release).unsupported if board is Board.FC}
-    assert missing <= unsupported
-    assert fork <= unsupported
-    if release >= (0, 80):
-        assert unsupported == missing | fork
-    assert "extern_control" not in unsupported
-
-
 def test_a_message_nobody_has():
     with pytest.raises(ProtocolError, match="mag has no message 'OsdData'"):
         fc(2, 12).message(Board.MAG, "OsdData")

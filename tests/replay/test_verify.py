@@ -124,16 +124,6 @@ def test_without_images_the_recorded_poses_are_flown_with(tmp_path, monkeypatch)
     assert report.as_map()["differences"] == 0
 
 
-def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
-    recorded = sticks_with()
-    outputs = replay(recorded, recorded.config).outputs
-    without = [output for output in outputs if output.suffix != "state/gps" and not output.suffix.startswith("event/")]
-    report = compare(recorded, [*without, replace(outputs[0], suffix="state/gps")]).keys
-    assert report["event/mode"].missing == report["event/mode"].recorded > 0
-    assert report["state/gps"].new == 1
-    assert report["raw/rx"].differences == 0
-
-
 @pytest.mark.parametrize("kind", [EntryKind.PORT_READ, EntryKind.PORT_WRITTEN, EntryKind.EVENT])
 def test_a_recording_that_breaks_off_between_what_came_in_and_what_came_out_of_it_has_no_difference(kind):
     whole = list(Recording(STICKS).entries())

@@ -128,21 +128,6 @@ def test_restore_is_right_or_raises(fates: list[str]) -> None:
     assert set(done.written) == {1, 3}
 
 
-def test_a_damaged_reading_is_not_believed() -> None:
-    """A reading that passed the checksum by accident does not come twice."""
-    board, damaged = FlightCtrl(active=3), []
-
-    def talk(request: WireMessage) -> Reply:
-        reply = board(request)
-        if isinstance(reply, Settings) and reply.index == 5 and not damaged:
-            damaged.append(True)
-            return Settings(index=5, parameters=changed(reply.parameters, 30))
-        return reply
-
-    backup = drive(backup_settings(PATIENCE), talk)
-    assert backup.sets[5][:144] == board.sets[5]
-
-
 def test_a_board_that_never_says_the_same_is_not_believed() -> None:
     count = iter(range(100))
 
