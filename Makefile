@@ -16,10 +16,10 @@ demo: venv
 	$(BIN)/mkdaemon demo
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tests.wholefiles -o console_output_style=classic -m "not browser and not alone and not gateways and not whole"
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tests.wholefiles -o console_output_style=classic -m "not browser and not gateways and not whole"
 # What the product is measured, rehearsed, tested and packed with proves itself apart, and so do the tree and the pages.
 LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance $(addprefix tests/,$(addsuffix .py,\
-  cli/test_pages stories/test_process stories/test_walks test_house test_orphans test_repeats test_upgrade test_wheel test_wholefiles))
+  cli/test_pages stories/test_process stories/test_walks test_house test_upgrade test_wheel))
 
 test: venv
 	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches
@@ -33,7 +33,6 @@ check-pythons:
 
 check-lab: venv
 	$(PYTEST) $(LAB_TESTS)
-	$(BIN)/python -m pytest -m alone tests/cli/test_quickstart.py
 
 check: venv
 	$(BIN)/ruff check src lab tools tests examples

@@ -20,7 +20,6 @@ from tests.places import CONFIGS, ROOT
 
 UNIT = CONFIGS / "systemd" / "mkdaemon.service"
 RECORDER = CONFIGS / "systemd" / "mkdaemon-recorder.service"
-RULES = CONFIGS / "udev" / "60-mkdaemon.rules"
 
 
 def systemd_analyze(*arguments):
@@ -74,27 +73,11 @@ def test_the_unit_opens_serial_lines_and_cameras_alone(driver, is_open):
     assert any(fnmatch.fnmatchcase(driver, pattern) for pattern in allowed) is is_open
 
 
-def test_the_recipe_of_the_service_installs_what_flies_and_no_tools_of_development():
-    recipe = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8").partition("## As a service")[2]
-    assert "make -C /opt/mkdaemon-$V install" in recipe.partition("```")[2]
-    commands = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ninstall:")[2].partition("\n\n")[0]
-    assert "--require-hashes" in commands
-    assert "dev" not in commands
-
-
 def test_the_unit_exposes_little(installed):
     said = systemd_analyze("security", "--offline=true", str(installed))
     exposure = re.search(r"exposure level .*: ([0-9.]+)", said.stdout)
     assert exposure is not None, said.stdout + said.stderr
     assert float(exposure[1]) <= 2.0
-
-
-def test_udev_rules_are_matches_and_assignments():
-    rules = [line for line in RULES.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
-    assert rules
-    term = r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"'
-    for rule in rules:
-        assert re.fullmatch(rf"{term}(, {term})*", rule), rule
 
 
 RECIPE = (ROOT / "Containerfile").read_text(encoding="utf-8")
@@ -110,11 +93,6 @@ def instructions():
 
 def words_of(name):
     return [words for each, words in instructions() if each == name]
-
-
-def test_the_base_is_an_argument_and_the_image_has_two_stages():
-    assert words_of("ARG") == ["BASE=python:3.11-slim", "VERSION=0.0"]
-    assert words_of("FROM") == ["${BASE} AS build", "${BASE}"]
 
 
 def test_everything_that_is_copied_exists():

@@ -46,16 +46,6 @@ def test_meanings_are_the_docstrings_of_the_fields_in_their_order():
     assert meanings_of(Outer.Nested) == {"deeper": "Inside a class."}
 
 
-def test_models_of_a_function_and_of_no_source_are_models_too():
-    class Local(Described):
-        here: int
-        """Inside a function."""
-
-    assert meanings_of(Local) == {"here": "Inside a function."}
-    made = type("Made", (Described,), {"__module__": "builtins", "__annotations__": {"x": int}})
-    assert meanings_of(made) == {"x": ""}
-
-
 def test_the_schema_describes_fields_and_those_of_models_inside():
     schema = Outer.model_json_schema()
     described = {name: part.get("description") for name, part in schema["properties"].items()}

@@ -11,15 +11,7 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import flush_folder, saving, user_folder, user_name, write_whole
-
-
-def test_text_and_bytes_are_written_and_nothing_else_is_left(tmp_path):
-    write_whole(tmp_path / "text", "käse\n")
-    write_whole(tmp_path / "bytes", b"\x00\xff")
-    assert (tmp_path / "text").read_text(encoding="utf-8") == "käse\n"
-    assert (tmp_path / "bytes").read_bytes() == b"\x00\xff"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bytes", "text"]
+from mkdaemon.files import saving, user_folder, user_name, write_whole
 
 
 def test_a_file_that_is_there_is_only_replaced_when_asked_for(tmp_path):
@@ -30,16 +22,6 @@ def test_a_file_that_is_there_is_only_replaced_when_asked_for(tmp_path):
     assert file.read_text() == "old"
     write_whole(file, "new", overwrite=True)
     assert file.read_text() == "new"
-
-
-def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, monkeypatch):
-    file = tmp_path / "file"
-    flush = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda number: (flush(number), file.write_text("other"))[0])
-    with pytest.raises(FileExistsError):
-        write_whole(file, "new")
-    assert file.read_text() == "other"
-    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_file_system_without_hard_links_will_do(tmp_path, monkeypatch):
@@ -67,19 +49,6 @@ def test_a_device_is_never_replaced_by_a_file(tmp_path):
     with pytest.raises(OSError, match="is no file"):
         write_whole(pipe, "new", overwrite=True)
     assert list(tmp_path.iterdir()) == [pipe]
-
-
-def test_the_usual_permissions_are_given(tmp_path):
-    before = os.umask(0o027)
-    try:
-        write_whole(tmp_path / "file", "text")
-    finally:
-        os.umask(before)
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
-
-
-def test_a_folder_that_cannot_be_flushed_is_no_error(tmp_path):
-    flush_folder(tmp_path / "absent")
 
 
 def test_threads_that_write_at_once_leave_the_umask_as_it_was(tmp_path, monkeypatch):

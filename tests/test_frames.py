@@ -10,15 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.frames import (
-    FLU_FROM_RDF,
     enu_from_geodetic,
     euler_from_rotation,
     geodetic_from_enu,
-    quaternion_from_rotation,
     rotation_from_euler,
-    rotation_from_quaternion,
-    wrap_angle,
-    yaw_enu_from_heading,
 )
 
 ANGLE = st.floats(-math.pi, math.pi)
@@ -39,13 +34,6 @@ def test_signs(roll, pitch, yaw, body, world):
     assert rotation_from_euler(roll, pitch, yaw) @ body == pytest.approx(world)
 
 
-def test_camera_axes_in_body():
-    right, down, forward = FLU_FROM_RDF.T
-    assert right == pytest.approx(-LEFT)
-    assert down == pytest.approx(-UP)
-    assert forward == pytest.approx(FORWARD)
-
-
 @given(roll=ANGLE, pitch=STEEP, yaw=ANGLE)
 def test_euler_round_trip(roll, pitch, yaw):
     rotation = rotation_from_euler(roll, pitch, yaw)
@@ -58,33 +46,6 @@ def test_euler_round_trip(roll, pitch, yaw):
 def test_euler_at_the_poles_keeps_the_rotation(pitch):
     rotation = rotation_from_euler(0.3, pitch, 0.8)
     assert rotation_from_euler(*euler_from_rotation(rotation)) == pytest.approx(rotation, abs=1e-6)
-
-
-@given(roll=ANGLE, pitch=ANGLE, yaw=ANGLE)
-def test_quaternion_round_trip(roll, pitch, yaw):
-    rotation = rotation_from_euler(roll, pitch, yaw)
-    quaternion = quaternion_from_rotation(rotation)
-    assert quaternion[0] >= 0.0
-    assert math.hypot(*quaternion) == pytest.approx(1.0)
-    assert rotation_from_quaternion(quaternion) == pytest.approx(rotation, abs=1e-9)
-
-
-def test_a_quaternion_without_length_is_refused():
-    with pytest.raises(ValueError, match="length zero"):
-        rotation_from_quaternion((0.0, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("angle", "wrapped"),
-    [(0.0, 0.0), (math.pi, math.pi), (-math.pi, math.pi), (3 * math.pi, math.pi), (7.0, 7.0 - 2 * math.pi)],
-)
-def test_wrap_angle(angle, wrapped):
-    assert wrap_angle(angle) == pytest.approx(wrapped)
-
-
-@pytest.mark.parametrize(("heading_deg", "yaw_deg"), [(0, 90), (90, 0), (180, -90), (270, 180)])
-def test_heading_to_yaw(heading_deg, yaw_deg):
-    assert math.degrees(yaw_enu_from_heading(math.radians(heading_deg))) == pytest.approx(yaw_deg)
 
 
 @given(

@@ -51,12 +51,3 @@ def run_commands(commands: Iterable[Sequence[str]], *, missing: Sequence[str], i
     done = subprocess.run([sys.executable, "-c", PROGRAM, task], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
     return [Ended(*json.loads(line)) for line in done.stdout.splitlines()]
-
-
-def run_alone(words: Sequence[str], *, missing: Sequence[str]) -> Ended:
-    """What one command comes to where some modules are missing, in a process that ends with it."""
-    program = "import json, sys; sys.modules |= dict.fromkeys(json.loads(sys.argv.pop(1)))\n"
-    program += "from mkdaemon.cli.mkdaemon.app import main; main()"
-    call = [sys.executable, "-c", program, json.dumps(missing), *words]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=120)
-    return Ended(done.returncode, done.stdout, done.stderr)

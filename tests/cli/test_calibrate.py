@@ -29,7 +29,7 @@ from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
-from tests.places import CONFIGS, DATA
+from tests.places import CONFIGS
 from tests.values import made
 from tests.vision.calibrate.boardviews import LENS, PLACES, board_views
 
@@ -116,7 +116,6 @@ def test_a_clip_is_a_live_camera(pictures: Path, tmp_path: Path, capsys: pytest.
     assert load_camera(file).intrinsics.fx == pytest.approx(LENS.fx, rel=0.003)
 
 
-RECORDINGS = DATA / "recordings"
 BUILT_IN_LENS = BUILT_IN.intrinsics
 TAG_PLACES = {3: (0.0, 0.0), 4: (0.5, 0.02), 8: (-0.03, 0.45), 9: (0.48, 0.5)}
 SMALL = 8
@@ -294,12 +293,3 @@ def test_every_kind_is_printed_in_its_size(
     told = json.loads(capsys.readouterr().out)
     assert told["width_mm"] == pytest.approx(width, abs=0.01)
     assert Path(told["file"]).stat().st_size > 1000
-
-
-def test_the_target_file_beside_a_print_describes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "own.toml"
-    assert target(tmp_path / "x.svg", "--tag", "48:0.2", "--tag", "1:0.032", "--write-target", file) == EXIT_OK
-    assert "measure the ruler" in capsys.readouterr().out
-    (own,) = load([file]).targets
-    assert [(tag.tag_id, tag.size) for tag in own.tags] == [(48, 0.2), (1, 0.032)]
-    np.testing.assert_array_equal(own.tags[1].position, 0.0)

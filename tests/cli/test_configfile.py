@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from functools import partial
 
 import pytest
@@ -12,7 +11,7 @@ from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.config.keys import keys_of
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import DaemonSections
-from tests.places import CONFIGS, ROOT
+from tests.places import CONFIGS
 
 
 @pytest.fixture
@@ -50,22 +49,6 @@ def test_a_new_file_with_all_keys_is_right_when_every_comment_is_taken_away(conf
     assert cfg.model_copy(update={"cameras": (), "positions": ()}) == load(None)
     assert cfg.positions[0].trusted_for == ("takeoff", "flight", "landing")
     assert cfg.cameras[0].fps is None
-
-
-def test_the_section_of_the_simulator_is_checked_by_the_simulator(config, path):
-    path.write_text("[sim]\nbaord = 'fc'\n", encoding="utf-8")
-    code, out, _ = config("check", path)
-    assert (code, "sim.baord" in out, "board" in out) == (2, True, True)
-    path.write_text('[link]\nport = "tcp:host:1"\n[sim]\nseed = 3\n', encoding="utf-8")
-    assert config("check", path)[0] == 0
-
-
-def test_mistakes_of_the_simulator_are_told_with_the_others_and_what_is_given_goes_before_the_file(config, path):
-    path.write_text('[link]\nbaud = "x"\n[sim]\nbaord = "fc"\nseed = -1\n[vehicle]\nname = ""\n', encoding="utf-8")
-    named = ["sim.baord", "vehicle.name", "link.baud", "sim.seed"]
-    assert [line.split(": ")[1] for line in config("check", path)[1].splitlines()] == named
-    named.remove("vehicle.name")
-    assert [line.split(": ")[1] for line in config("check", path, "--vehicle", "a")[1].splitlines()] == named
 
 
 def test_every_mistake_is_told(config, path):
@@ -133,38 +116,6 @@ def test_a_key_is_explained_with_all_that_is_known_of_it(config):
     assert "MKDAEMON" not in config("explain", "cameras.source")[1]
     line = json.loads(config("explain", "rate", "--json")[1])
     assert (line["key"], line["unit"]) == ("control.rate", "Hz")
-
-
-def documented_keys():
-    """Every key of docs/configuration.md, dotted, with the title of its file."""
-    title = section = ""
-    for line in (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8").splitlines():
-        if line.startswith("## "):
-            title, section = line[3:], ""
-        elif line.startswith("### "):
-            section = line.strip("#[]` ")
-        elif (key := re.match(r"\| `(\w+)`", line)) is not None:
-            yield title, f"{section}.{key[1]}" if section else key[1]
-
-
-def test_every_key_of_the_page_is_explained(config):
-    documented = list(documented_keys())
-    assert len(documented) > 300
-    last = {dotted.rpartition(".")[0]: dotted for _, dotted in documented}
-    explained = set()
-    for name in sorted({*last, *last.values(), *(dotted for _, dotted in documented if "." not in dotted)} - {""}):
-        code, out, _ = config("explain", name, "--json")
-        assert code == 0, name
-        explained |= {(line["file"], line["key"]) for line in map(json.loads, out.splitlines())}
-    assert explained == set(documented)
-
-
-def test_a_key_of_another_file_is_explained_with_its_file(config):
-    out = config("explain", "targets.tags.size")[1]
-    assert "A target file" in out
-    assert "MKDAEMON_" not in out
-    assert "MKDAEMON_" not in config("explain", "sim.seed")[1], "the daemon reads no key of the simulator"
-    assert config("explain", "name")[1].count("  file ") == 2, "a pad's and a camera's"
 
 
 def test_sections_are_listed(config):

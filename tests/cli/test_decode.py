@@ -15,14 +15,8 @@ from mkdaemon.cli.program import run
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.capture import Chunk
 from mkdaemon.protocol.messages import (
-    ControlStateRequest,
-    ControlStateV3,
     EchoRequest,
-    ExternControlV3,
-    OsdData5,
     VersionFc210,
-    VersionRequest,
-    VersionRequestWhich,
 )
 from mkdaemon.protocol.wire import MESSAGES
 from mkdaemon.telemetry.sim_faults import FAULTS
@@ -37,14 +31,6 @@ def version(major: int, minor: int) -> bytes:
 
 def decode(*chunks: tuple[str, bytes]) -> list[dict[str, object]]:
     return list(Decoding().run(Chunk(float(at), Direction(where), raw) for at, (where, raw) in enumerate(chunks)))
-
-
-def test_a_frame_becomes_one_object():
-    (found,) = decode(("rx", OsdData5.decode(bytes([5]) + bytes(81)).to_frame()))
-    fields = found.pop("fields")
-    assert found == {"t": 0.0, "dir": "rx", "board": "nc", "id": "O", "message": "OsdData", "layout": "5"}
-    assert fields["version"] == 5
-    assert set(fields) == set(OsdData5.model_fields)
 
 
 def test_what_is_no_message_becomes_an_object_too():
@@ -72,29 +58,6 @@ def test_carriage_returns_that_a_terminal_turned_are_named():
     honest = Decoding()
     list(honest.run([Chunk(0.0, Direction.FROM_BOARD, whole + cut + b"\r\n")]))
     assert "CR for LF" not in honest.summary()
-
-
-def test_an_address_of_nobody_is_named():
-    (found,) = decode(("tx", VersionRequest().to_frame().replace(b"#b", b"#j").replace(b"@x", b"A@")))
-    assert (found["dropped"], found["board"]) == ("unknown", "address_9")
-
-
-def test_the_dialect_is_learnt_on_the_way():
-    held = ControlStateV3.decode(bytes(9)).to_frame()
-    sticks = ExternControlV3(pitch=0, roll=0, yaw=0, throttle=0).to_frame()
-    before = decode(("rx", held), ("tx", sticks))
-    after = decode(("rx", version(2, 14)), ("rx", held), ("tx", sticks))
-    assert [item["layout"] for item in before] == ["v2", "v2"]
-    assert [item["layout"] for item in after] == ["fc210", "v3", "v3"]
-
-
-def test_the_release_of_another_board_is_not_taken_for_the_own():
-    held = ControlStateV3.decode(bytes(9)).to_frame()
-    own = ("tx", VersionRequest().to_frame()), ("rx", version(2, 14))
-    other = ("tx", VersionRequestWhich().to_frame()), ("rx", version(2, 12))
-    found = decode(*own, *other, ("tx", ControlStateRequest().to_frame()), ("rx", held))
-    assert found[-1]["layout"] == "v3"
-    assert decode(*own, ("tx", VersionRequest().to_frame()), other[1], ("rx", held))[-1]["layout"] == "v2"
 
 
 def command(capsys: pytest.CaptureFixture[str], *tokens: str) -> tuple[int, list[dict[str, object]], str]:
@@ -148,27 +111,6 @@ def test_the_table_has_a_row_for_every_place(capsys):
     assert [(row["board"], row["id"], row["layout"]) for row in rows] == [
         (board.word, letter, layout) for board, letter, layout in MESSAGES
     ]
-
-
-def test_a_row_says_all_of_a_layout(capsys):
-    (row,) = (row for row in printed(capsys, "--wire") if (row["board"], row["id"], row["layout"]) == ("fc", "b", "v2"))
-    assert (row["name"], row["direction"], row["size"], row["reply"]) == ("ExternControl", "to_board", 7, "B")
-    assert row["danger"] == "flies the aircraft"
-    roll = row["fields"][1]
-    assert roll["meaning"].startswith("Positive on the wire: stick LEFT")
-    del roll["meaning"]
-    assert roll == {
-        "name": "roll",
-        "firmware_word": "Roll",
-        "type": "s8",
-        "offset": 1,
-        "unit": "stick",
-        "scale": -1.0,
-        "zero": 0,
-        "si_unit": "stick",
-        "values": None,
-    }
-    assert row["fields"][5]["values"]["VALID"] == 1
 
 
 def test_without_the_option_it_is_a_json_schema_of_every_message(capsys):

@@ -17,7 +17,7 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.doctor.check import Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, ask_daemon, client_endpoint
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, ask_daemon
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version, may_use
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
 from mkdaemon.cli.mkdaemon.security import certificates
@@ -353,17 +353,6 @@ def test_a_fault_is_found_with_what_why_and_the_command(tree, fault):
     assert others <= ALSO.get(check, set())
 
 
-def test_the_simulator_at_the_other_end_of_a_pseudo_terminal_is_no_other_program(tree):
-    tree.write("/dev/pts/4")
-    tree.configure(port='"pty:/dev/pts/4"')
-    tree.start(700, "mkdaemon", "python3", "/bin/mkdaemon", "sim", files=["/dev/pts/ptmx", "/dev/pts/4"])
-    assert tree.examined().findings == ()
-    tree.start(701, "python3.11", "/bin/python3.11", "-u", "/home/me/terminal.py", files=["/dev/pts/4"])
-    tree.answers()  # processes are looked at once for a machine
-    (finding,) = tree.examined().findings
-    assert "in use by terminal.py (process 701)" in finding.what
-
-
 def test_every_check_has_a_seeded_fault_and_a_name_of_its_own():
     assert {check for check, *_ in FAULTS} == {check.name for check in CHECKS}
     assert max(Counter(check.name for check in CHECKS).values()) == 1
@@ -388,13 +377,6 @@ def test_the_exit_code_tells_the_severity(tree, capsys):
     assert code == 1
     assert out.splitlines()[0].startswith("error   camera-missing: camera down: /dev/video0 does not exist")
     assert "\n1 error, 1 warning, 1 advice by " in out
-
-
-def test_json_has_one_finding_a_line(tree, capsys):
-    run_minicom(tree)
-    code, out = run_and_read(tree, capsys, json=True)
-    (line,) = map(json.loads, out.splitlines())
-    assert (code, line["check"], line["severity"], line["command"]) == (1, "port-busy", "error", "kill 812")
 
 
 def test_fix_types_what_is_safe_and_nothing_else(tree, capsys):
@@ -437,13 +419,6 @@ def test_safe_commands_end_no_program_and_write_no_configuration():
     assert {check.severity for check in CHECKS} == set(Severity)
 
 
-def test_a_command_of_a_client_names_the_vehicle(tree):
-    tree.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives"))
-    tree.configure('[vehicle]\nname = "mk7"')
-    (finding,) = tree.examined().findings
-    assert finding.command == "mkctl health --vehicle mk7"
-
-
 def test_this_machine_can_be_looked_at():
     """Its processes, sockets and files as they are; what is wrong with it is its own affair."""
     machine = Machine()
@@ -456,12 +431,6 @@ def test_this_machine_can_be_looked_at():
     assert may_use(Path("/dev/null"))
     assert run_command(["no-such-command"]) == CommandOutput(127, "")
     assert run_command(["sh", "-c", "echo x; exit 4"]) == CommandOutput(4, "x\n")
-
-
-def test_a_client_of_this_machine_meets_who_listens_everywhere():
-    assert client_endpoint("tls/0.0.0.0:7447") == "tls/localhost:7447"
-    assert client_endpoint("tcp/[::]:7447") == "tcp/localhost:7447"
-    assert client_endpoint("tcp/127.0.0.1:7447") == "tcp/127.0.0.1:7447"
 
 
 LINE = made(LinkState)

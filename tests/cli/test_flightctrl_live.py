@@ -68,11 +68,3 @@ def test_motors_turn_and_stop(ctl):
         EXIT_OK,
         "motors stopped\n",
     )
-
-
-def test_the_menu_is_that_of_the_board_that_is_there(ctl):
-    assert ctl("board", "display")[1].startswith("FlightCtrl ")
-
-
-def test_a_release_is_confirmed(ctl):
-    assert "the FlightCtrl confirmed it" in ctl("release")[1]

@@ -7,12 +7,11 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.mkdaemon.run import run as run_daemon
 from mkdaemon.cli.mkdaemon.service.installing import Host, plan, preview, programs_folder, remove_units, write_units
 from mkdaemon.cli.mkdaemon.service.units import MARK, UNITS, unit_text
 from mkdaemon.cli.program import run
 from mkdaemon.cli.systemcommands import CommandOutput
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import ConfigError
 
 PROGRAMS = Path("/opt/mkdaemon/.venv/bin")
 FOLDER = "etc/systemd/system"
@@ -106,12 +105,6 @@ def test_a_unit_written_by_hand_is_left_alone(host):
     assert unit.read_text(encoding="utf-8").startswith(MARK)
 
 
-def test_what_cannot_be_written_names_sudo(host):
-    (host.root / "etc").write_text("", encoding="utf-8")
-    with pytest.raises(MkError, match=r"mkdaemon\.service: Not a directory: run it with sudo"):
-        words_of(write_units(host, plan(("daemon",), None, ""), PROGRAMS))
-
-
 def test_a_command_that_failed_is_told_by_the_exit_code(host, monkeypatch, capsys):
     module = "mkdaemon.cli.mkdaemon.service.installing.Host"
     words = ["install-service", "recorder", "--programs", "/opt/x/bin", "--write"]
@@ -120,12 +113,6 @@ def test_a_command_that_failed_is_told_by_the_exit_code(host, monkeypatch, capsy
     monkeypatch.setattr(module, lambda: Host(host.root, lambda words: CommandOutput(1, "")))
     assert run(app, words) == 1
     assert "FAILED: systemctl daemon-reload (exit code 1)" in capsys.readouterr().out
-
-
-def test_a_machine_without_systemd_is_told_so(host):
-    bare = Host(host.root, lambda words: CommandOutput(127, ""))
-    lines = words_of(write_units(bare, plan(("recorder",), None, ""), PROGRAMS))
-    assert "FAILED: systemctl daemon-reload (not installed)" in lines
 
 
 def test_the_link_to_the_current_installation_goes_before_its_folder(host, monkeypatch):
@@ -138,16 +125,6 @@ def test_the_link_to_the_current_installation_goes_before_its_folder(host, monke
     (host.root / "opt/mkdaemon").unlink()
     (host.root / "opt/mkdaemon").symlink_to("mkdaemon-other")
     assert programs_folder(host) == installed
-
-
-def test_the_daemons_are_started_with_options_that_exist():
-    for unit in UNITS[:2]:
-        (line,) = [line for line in unit_text(unit).splitlines() if line.startswith("ExecStart=")]
-        words = line.replace("%i", "mk1").split()[1:]
-        function, bound, _ = app.parse_args(words, exit_on_error=False, print_error=False)
-        assert function is run_daemon
-        name = "mk1" if "@" in unit else "vehicle"
-        assert str(bound.kwargs["config"]) == f"/etc/mkdaemon/{name}.toml"
 
 
 def test_the_command_shows_by_default(capsys):

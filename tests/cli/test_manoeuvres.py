@@ -16,7 +16,7 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, navi, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
+from mkdaemon.cli.program import EXIT_FAILURE, run
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
@@ -46,11 +46,6 @@ def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
     monkeypatch.setattr("mkdaemon.client.connection.session_config", partial(session_config, patience=0.1))
     assert run(app, [*arguments, *NOWHERE]) == EXIT_FAILURE
     assert "tcp/127.0.0.1:1" in capsys.readouterr().err, "it got as far as looking for a daemon"
-
-
-@pytest.mark.parametrize("arguments", [["goto", "1", "2"], ["velocity", "0", "0", "0", "--frame", "home"]])
-def test_what_is_missing_or_unknown_is_a_usage_error(arguments):
-    assert run(app, [*arguments, *NOWHERE]) == EXIT_CONFIG
 
 
 def publish_estimate(daemon, position, image_age=0.05):
@@ -84,32 +79,6 @@ async def test_a_place_that_no_image_has_shown_for_long_is_not_shown(capsys):
     shown = capsys.readouterr()
     assert shown.out == "no image showed where it ended\n"
     assert "287" not in shown.err
-
-
-async def test_hold_goes_where_the_aircraft_is(capsys):
-    async with flying((0.3, -0.2, 1.7)) as (daemon, here):
-        assert await manoeuvres.hold(height=1.5, seconds=0.3, connection=here) == 0
-        assert tuple(daemon.setpoints[-1]["position"]) == (0.3, -0.2, 1.5)
-    assert "20 cm from the goal" in capsys.readouterr().out
-
-
-def reach(daemon):
-    """Say that the take-off is done, after a while."""
-    if len(daemon.setpoints) >= 40:
-        daemon.say(Phase.FLYING, f"{daemon.holder} flies", manoeuvre="takeoff", stage="at height", is_done=True)
-
-
-async def test_a_take_off_is_followed_by_a_hold_and_a_flight_by_attitude_is_in_degrees(capsys):
-    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
-        daemon.follow = lambda: reach(daemon)
-        await manoeuvres.take_off(2.0, seconds=0.2, connection=here)
-        assert daemon.setpoints[30]["height"] == 2.0
-        assert "height" not in daemon.setpoints[-1]
-        assert "took off" in capsys.readouterr().out
-        daemon.follow = lambda: None
-        await manoeuvres.attitude(pitch=3.0, seconds=0.2, connection=here)
-        assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
-    assert "setpoints" in capsys.readouterr().out
 
 
 FINDINGS = [
@@ -154,25 +123,6 @@ async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
         with pytest.raises(CommandRejectedError) as refusal:
             await motors.stop(connection=here)
     assert refusal.value.token == Token.FLYING_STOP
-
-
-async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
-    async with flying((0.0, 0.0, 0.1)) as (daemon, here):
-        daemon.follow = lambda: end_after(daemon, 20)
-        await manoeuvres.land(connection=here)
-    assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
-
-
-def cap(daemon):
-    if len(daemon.setpoints) == 20:
-        daemon.say(Phase.FLYING, "flies", hands="raises the throttle above hover, now", pilots_throttle=-20.0)
-
-
-async def test_a_throttle_that_caps_ours_is_told_in_capitals(capsys):
-    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
-        daemon.follow = lambda: cap(daemon)
-        await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.6, connection=here)
-    assert "THE PILOT RAISES THE THROTTLE ABOVE HOVER, NOW" in capsys.readouterr().err.splitlines()
 
 
 def release_by_itself(daemon):
@@ -314,39 +264,6 @@ async def test_a_script_is_flown_step_by_step_and_steps_share_no_line_with_the_p
     assert any("done" in line for line in shown)
 
 
-async def test_who_never_flew_is_not_told_to_take_over(monkeypatch, capsys):
-    monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
-    async with flying((0.0, 0.0, 2.0), engages=None) as (daemon, here):
-        publish = daemon.say
-
-        def let_go_in_between(phase, reason, **more):
-            if phase is Phase.FREE:
-                publish(Phase.RELEASING, reason, hands="flies: throttle back to hover at once")
-            publish(phase, reason, **more)
-
-        daemon.say = let_go_in_between
-        with pytest.raises(MkError):
-            await manoeuvres.take_off(2.0, connection=here)
-    assert "throttle back" not in capsys.readouterr().err
-
-
-async def test_what_the_pilot_does_is_said_once(monkeypatch, capsys):
-    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.05)
-    words = {"hands": "raises the throttle", "stage": "idle: the pilot raises his throttle"}
-    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
-        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=False, **words)
-        with pytest.raises(MkError):
-            async with (
-                here.open() as uav,
-                flightshow.leased(uav, here, force=False) as lease,
-                flightshow.showing(uav, lease, here, lambda: None),
-            ):
-                await lease.take_off(2.0, patience=0.5)
-    shown = capsys.readouterr().err
-    assert shown.count("raises") == 1
-    assert "idle" in shown
-
-
 async def test_a_condition_that_is_not_met_ends_the_flight(tmp_path, monkeypatch):
     monkeypatch.setattr(script, "LOOK", 0.1)
     path = tmp_path / "flight.toml"
@@ -355,13 +272,6 @@ async def test_a_condition_that_is_not_met_ends_the_flight(tmp_path, monkeypatch
         with pytest.raises(ManoeuvreError, match="control/status refused was not as wanted"):
             await script.fly(path, connection=here)
         await wait_until(lambda: daemon.holder is None)
-
-
-async def test_a_script_is_checked_without_a_daemon(tmp_path, capsys):
-    path = tmp_path / "flight.toml"
-    path.write_text(SCRIPT)
-    await script.fly(path, check=True)
-    assert "5 steps, nothing wrong" in capsys.readouterr().out
 
 
 UPLOADED = {"count": 1, "digest": "00", "rounds": 1, "writes": 1}

@@ -1,30 +1,26 @@
-"""`mkctl log play` on a terminal and without one: keys, the bar, the verdict; and the page of `mkctl view`."""
+"""`mkctl log play` on a terminal: keys and the verdict; and the page of `mkctl view`."""
 
 from __future__ import annotations
 
 import asyncio
-import gc
 import json
 import os
 import signal
-import sys
 import termios
 
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli import promptness
 from mkdaemon.cli.mkctl import play as playcommand
 from mkdaemon.cli.mkctl import view as viewcommand
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.mkctl.play import key_pressed, play, showing_player
+from mkdaemon.cli.mkctl.play import key_pressed, play
 from mkdaemon.cli.mkctl.view import view
 from mkdaemon.client.player import PlayPace
-from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
-from tests.bus.support import client, free_endpoint
+from tests.bus.support import free_endpoint
 from tests.cli.pseudoterminal import own_terminal
-from tests.client.test_play import STICKS, Listener, samples
+from tests.client.test_play import STICKS
 from tests.view.page.test_server import ask
 
 
@@ -68,59 +64,6 @@ def test_keys_pause_step_and_change_the_speed():
     assert player.is_stopped
 
 
-async def test_a_terminal_shows_where_it_is_and_takes_keys(monkeypatch):
-    player = FakePlayer()
-    with own_terminal(monkeypatch, "stderr") as fake:
-        before = termios.tcgetattr(fake.near)
-        async with showing_player(player, quiet=False):
-            await wait_until(lambda: fake.shows(b"3.0 of 12.0 s, 1 times, 7 values"))
-            assert fake.shows(b"space pause")
-            fake.type(b"+ ")
-            await wait_until(lambda: fake.shows(b"2 times, 7 values, paused"))
-            assert player.pace.is_paused
-            fake.type(b"q")
-            await wait_until(lambda: player.is_stopped)
-        assert termios.tcgetattr(fake.near) == before
-
-
-async def test_without_a_terminal_and_for_programs_nothing_is_drawn_and_no_key_taken(monkeypatch, capsys):
-    async with showing_player(FakePlayer(), quiet=False):
-        await asyncio.sleep(0)
-    with own_terminal(monkeypatch, "stderr") as fake:
-        before = termios.tcgetattr(fake.near)
-        async with showing_player(FakePlayer(), quiet=True):
-            assert termios.tcgetattr(fake.near) == before
-            await asyncio.sleep(0)
-        assert not fake.shows(b"space")
-    assert capsys.readouterr().out == ""
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({}, lambda one: True),
-        ({"key": ("state/*",)}, lambda one: one.suffix.startswith("state/")),
-        ({"start": "1", "end": "-0.5"}, None),
-    ],
-)
-async def test_what_was_asked_for_is_put_and_counted(capsys, options, expected):
-    endpoint = free_endpoint()
-    where = Connection(json=True)
-    playing = asyncio.create_task(play(STICKS, speed=1000.0, listen=endpoint, connection=where, **options))
-    with await asyncio.to_thread(lambda: client(endpoint)) as session:
-        listener = Listener(session, "replay/t/**")
-        async with asyncio.timeout(15):
-            assert await playing == 0
-    said = json.loads(capsys.readouterr().out)
-    recorded = list(samples())
-    if expected is not None:
-        assert said["sent"] == sum(map(expected, recorded))
-    assert 0 < said["sent"] <= len(recorded)
-    assert (said["missing"], said["rounds"]) == ({}, 1)
-    assert said["late_p99_s"] >= 0.0
-    assert len(listener.heard) <= said["sent"]
-
-
 async def test_who_ends_it_by_a_key_is_told_what_is_missing(monkeypatch, capsys):
     with own_terminal(monkeypatch, "stderr") as fake:
         playing = asyncio.create_task(play(STICKS, speed=0.02, listen=free_endpoint(), wait=0.0))
@@ -145,22 +88,6 @@ async def test_keys_work_while_it_waits_and_none_reach_the_shell(monkeypatch, ca
         with pytest.raises(BlockingIOError):
             os.read(fake.near, 64)
     assert "of the file were not put" in capsys.readouterr().out
-
-
-async def test_a_recording_that_no_client_wants_is_not_played():
-    with pytest.raises(MkError, match="no client subscribed within"):
-        await play(STICKS, listen=free_endpoint(), wait=0.05)
-
-
-def test_a_program_of_its_own_lets_threads_take_turns_often():
-    before = sys.getswitchinterval()
-    try:
-        promptness.favour_threads()
-        assert sys.getswitchinterval() == pytest.approx(promptness.SWITCH)
-        assert gc.get_freeze_count() > 0
-    finally:
-        sys.setswitchinterval(before)
-        gc.unfreeze()
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 import os
 import select
@@ -14,10 +13,7 @@ import tty
 import pytest
 
 from lab.rigs.waiting import wait_blocking
-from mkdaemon.cli.mkdaemon import run as program
 from mkdaemon.cli.mkdaemon.runoptions import RunOptions, load_configuration
-from mkdaemon.config.reader import load
-from mkdaemon.config.root import Config
 from mkdaemon.daemon.guard import LAST_FRAMES, LastWord
 from mkdaemon.guard import RESYNC
 
@@ -34,42 +30,6 @@ def test_the_environment_does_not_rename_the_aircraft_of_a_file(config, given, n
         path.write_text("", encoding="utf-8")
     layered = load_configuration(path, RunOptions(vehicle=given), {"MK_VEHICLE": "other"})
     assert layered.cfg.vehicle.name == name
-
-
-def test_every_option_has_a_key():
-    options = RunOptions("tcp:h:1", "v", "tcp/127.0.0.1:1", wait=True, real_time=True, no_record=True)
-    cfg = load_configuration(None, options, {}).cfg
-    assert (cfg.link.port, cfg.link.wait_for_port, cfg.vehicle.name) == ("tcp:h:1", True, "v")
-    assert (cfg.bus.listen, cfg.control.real_time, cfg.record.enabled) == (("tcp/127.0.0.1:1",), True, False)
-    assert RunOptions().by_key() == {}
-
-
-@pytest.fixture
-def own_signals():
-    """What handles signals is as before afterwards."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
-def test_a_signal_makes_the_daemon_read_its_configuration_again(monkeypatch, own_signals):
-    noted = []
-
-    class Audit:
-        def log(self, level, text):
-            noted.append((level, text))
-
-    async def fly(cfg, stop, last_word, reloading):
-        read = asyncio.create_task(reloading.follow(cfg, lambda taken: stop.set(), Audit()))
-        os.kill(os.getpid(), signal.SIGUSR1)
-        await stop.wait()
-        read.cancel()
-
-    monkeypatch.setattr(program, "run_daemon", fly)
-    wanted = load(None, {"vehicle.note": "other"})
-    asyncio.run(program._until_signalled(Config(), lambda: wanted))
-    assert noted == [("info", "configuration reloaded: vehicle.note")]
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.security import certificates
 from mkdaemon.cli.mkdaemon.security.roles import ROLES
-from tests.cli.oneprocess import run_alone
 
 FILES = ("daemon.json5", *(f"{role.name}.json5" for role in ROLES))
 
@@ -35,13 +34,6 @@ def certificate_of(path):
     return found
 
 
-def test_one_command_makes_a_whole_set_of_secrets(folder):
-    assert {path.name for path in folder.iterdir()} == {"ca.key", "ca.pem", *FILES}
-    assert folder.stat().st_mode & 0o777 == 0o700
-    for name in ("ca.key", *FILES):
-        assert (folder / name).stat().st_mode & 0o777 == 0o600
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_a_certificate_is_good_for_its_role_and_nothing_else(folder, name):
     certificate, authority = certificate_of(folder / name), certificate_of(folder / "ca.pem")
@@ -55,15 +47,6 @@ def test_a_certificate_is_good_for_its_role_and_nothing_else(folder, name):
     assert hosts == (("localhost", "127.0.0.1", "ground.example", "192.168.7.1") if name == "daemon.json5" else ())
     assert b"PRIVATE" in (folder / "ca.key").read_bytes()
     assert ("access_control" in (folder / name).read_text(encoding="utf-8")) is (name == "daemon.json5")
-
-
-def test_an_authority_is_not_overwritten_by_accident(folder, security):
-    before = (folder / "ca.pem").read_bytes()
-    code, _, err = security("new-ca", folder)
-    assert (code, (folder / "ca.pem").read_bytes()) == (2, before)
-    assert "already exists" in err
-    assert security("new-ca", folder, "--force")[0] == 0
-    assert (folder / "ca.pem").read_bytes() != before
 
 
 def test_one_more_is_issued_and_shown(folder, security):
@@ -128,9 +111,3 @@ def test_an_authority_whose_files_do_not_belong_together_is_refused(folder, secu
     assert "ca.key is not the key of ca.pem" in security("issue", "bob", "--ca", folder)[2]
     (folder / "ca.key").write_text("nothing", encoding="utf-8")
     assert "are no certificate and its key" in security("issue", "bob", "--ca", folder)[2]
-
-
-def test_without_the_library_one_line_says_what_to_install(tmp_path):
-    ended = run_alone(("security", "new-ca", str(tmp_path / "keys")), missing=["cryptography"])
-    fix = "certificates need cryptography, which is not installed: pip install 'mkdaemon[security]'"
-    assert (ended.code, ended.err) == (2, f"mkdaemon: {fix}\n")

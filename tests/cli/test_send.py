@@ -1,38 +1,25 @@
-"""Requests on the command line: forms made from the table of messages, and commands made from the table of verbs."""
+"""Requests on the command line: what is typed for a message and for a verb, and what is sent."""
 
 from __future__ import annotations
 
-import json
-import re
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
 import pytest
 
 from mkdaemon.cli.mkctl import verbforms
-from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.board_request import find_board
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.send import describe_reply, request_forms
-from mkdaemon.cli.program import run
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
 from mkdaemon.protocol.messages import ErrorText, MotorController, Settings
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction
+from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.verbs import VERBS
 from tests.client.fake import VEHICLE, fake_daemon
-from tests.places import DOCS
-from tools import client_sources
 
 FORMS = request_forms()
-
-
-def test_every_request_of_the_table_has_a_form() -> None:
-    keys = {cls.spec.key for cls in MESSAGES.values() if cls.spec.direction is Direction.TO_BOARD}
-    assert set(FORMS) == keys
-    assert all(form.about and form.firmware for form in FORMS.values())
 
 
 @pytest.mark.parametrize(
@@ -51,20 +38,6 @@ async def test_the_board_at_the_end_of_the_line_is_asked_by_default(form, heard,
 
     client = SimpleNamespace(link=SimpleNamespace(state=SimpleNamespace(latest=latest)))
     assert await find_board(cast("Vehicle", client), FORMS[form].boards) is board
-
-
-def test_layouts_are_one_form_with_the_limits_of_each() -> None:
-    form = FORMS["extern_control"]
-    throttle = next(field for field in form.fields if field.name == "throttle")
-    assert "-127..127 (layout v1: 0..255). [stick]" in throttle.help
-    assert form.read({"throttle": "200", "yaw": "-5", "height": None}) == {"throttle": 200, "yaw": -5}
-    assert {field.name for field in form.fields if field.is_required} == {"pitch", "roll", "yaw", "throttle"}
-    assert "reserved" not in {field.name for field in form.fields}
-
-
-def test_what_can_have_one_value_only_is_no_option() -> None:
-    assert {field.name for field in FORMS["write_navi_parameter"].fields} == {"id", "value"}
-    assert {field.name for field in FORMS["time_request"].fields} == set()
 
 
 @pytest.mark.parametrize(
@@ -116,29 +89,7 @@ def test_answers_are_shown_with_units_and_names() -> None:
     assert describe_reply(Settings(index=1, parameters=bytes(88))).splitlines()[1].split() == ["parameters", "00" * 88]
 
 
-def test_the_command_line_of_the_protocol_page_exists() -> None:
-    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"mkctl board send ([a-z0-9-]+)", page))
-    assert named == {form.command for form in FORMS.values()}
-
-
 BY_NAME = {verb.name: verb for verb in VERBS}
-
-
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb.name)
-def test_every_verb_has_a_command_with_help_for_its_fields(verb, capsys):
-    assert run(mkctl, ["do", verb.name.replace("_", "-"), "--help"]) == 0
-    out = capsys.readouterr().out
-    for name in verb.request.model_fields:
-        assert (f"--{name.replace('_', '-')}" in out) == (name != "holder")
-
-
-def test_a_verb_without_a_command_of_its_own_has_one_from_the_table(capsys):
-    routes = [verb for verb in VERBS if verb.service == "route"]
-    assert routes
-    for verb in routes:
-        assert run(mkctl, ["waypoints", verb.method, "--help"]) == 0
-        assert verb.about in " ".join(capsys.readouterr().out.split())
 
 
 async def ask(name, given, **connection):
@@ -164,26 +115,8 @@ async def test_what_is_not_given_is_not_sent_and_who_asks_is_filled_in(capsys):
     assert await ask("rates", {"stream": None, "interval": None}) == ("do/rates", {})
 
 
-async def test_the_answer_is_one_line_of_json_where_asked_for(capsys):
-    await ask("rates", {}, json=True)
-    assert json.loads(capsys.readouterr().out) == {"intervals": {"osd": 0.1}}
-
-
 async def test_what_is_no_json_is_a_mistake_and_what_the_daemon_refuses_a_refusal():
     with pytest.raises(ConfigError, match="--interval 'soon': give JSON"):
         await ask("rates", {"stream": "osd", "interval": "soon"})
     with pytest.raises(CommandRejectedError, match="there is no verb"):
         await ask("route_start", {"confirm": True})
-
-
-def test_a_new_verb_needs_a_line_of_the_table_and_nothing_else(monkeypatch):
-    more = (
-        replace(BY_NAME["labels"], name="polish", call="polish"),
-        replace(BY_NAME["route_start"], name="settings_polish", call="settings.polish"),
-        replace(BY_NAME["mixer_read"], name="lights_read", call="lights.read"),
-    )
-    monkeypatch.setattr(client_sources, "VERBS", (*VERBS, *more))
-    made = client_sources.verb_calls()
-    assert 'async def polish(self, board: Literal["fc", "nc", "mag"]) -> Labels:' in made
-    assert "self.lights = LightsVerbs(self)" in made
-    assert "async def polish(self, *, confirm: bool = False, on_progress: OnProgress | None = None)" in made

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import re
 import sys
 import unicodedata
@@ -12,9 +11,7 @@ from dataclasses import replace
 import msgpack
 import pytest
 import structlog
-from rich.table import Table
 
-from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.mkdaemon.logs import spell_values
@@ -24,7 +21,6 @@ from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.telemetry.event import LogEvent
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
-from tests.places import SOURCE
 from tests.record.support import SESSION, sample
 
 EVIL = (
@@ -90,36 +86,6 @@ def test_what_is_printed_is_spelled_and_what_is_drawn_is_not(capsys):
     assert capsys.readouterr() == (spelled(EVIL) + "\n", "\x1b[Ka\\x07")
     print("\x1b", end="")
     assert capsys.readouterr().out == "\x1b"
-
-
-def test_pictures_of_rich_show_what_others_wrote_as_text():
-    out = io.StringIO()
-    console = Console(file=out, width=200)
-    table = Table("key")
-    table.add_row(on_one_line(EVIL))
-    console.print(EVIL)
-    console.print(table)
-    shown = out.getvalue()
-    assert acting(shown) == []
-    assert shown.count("[bold red]B[/] :smile:") == 2
-
-
-def test_colours_of_ours_pass(monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    out = io.StringIO()
-    Console(file=out).print("a\x1b[31m", style="red")
-    assert out.getvalue() == "\x1b[31ma\\x1b[31m\x1b[0m\n"
-
-
-def test_only_one_console_is_used():
-    offenders = [
-        path.name
-        for path in SOURCE.rglob("*.py")
-        if re.search(r"from rich\.console import [^\n]*\bConsole\b", path.read_text(encoding="utf-8"))
-    ]
-    assert offenders == ["console.py"]
 
 
 def test_lines_of_the_log_are_lines_of_ours():

@@ -16,13 +16,11 @@ from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, ImageRecorder, open_black_box, recording_folder
+from mkdaemon.daemon.blackbox import ImageRecorder, open_black_box
 from mkdaemon.daemon.reloading import Reloading
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import EntryKind, Notice
 from mkdaemon.record.reader import Recording
-from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.status import Status
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
@@ -64,31 +62,6 @@ async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
     assert Config.model_validate_json(session.config).vehicle.name == "bb"
 
 
-def test_recordings_are_in_their_own_folder_or_in_that_of_the_vehicle(tmp_path):
-    assert recording_folder(config(tmp_path)) == tmp_path / "recordings"
-    assert recording_folder(config(tmp_path, folder=tmp_path / "card")) == tmp_path / "card"
-    assert recording_folder(config(tmp_path, enabled=False)) is None
-
-
-@pytest.mark.parametrize(("is_recording", "enabled"), [(True, True), (False, False)])
-async def test_nothing_is_recorded_where_it_is_off_or_a_recording_plays(tmp_path, is_recording, enabled):
-    clock = Clock()
-    box = open_black_box(config(tmp_path, enabled=enabled), clock, is_recording=is_recording)
-    async with box.run():
-        box.bus_recorder.sample("health", b"", "", None)
-        box.bus_recorder.setpoint("setpoint/stick", b"", "", b"", at=0.0, source="", is_holder=False)
-        box.bus_recorder.setpoint_refused("setpoint/stick", "not_leased", "")
-        box.bus_recorder.query("do/mark", b"", 1, "")
-        box.bus_recorder.reply("do/mark", b"", "", 1)
-        box.note_stop()
-        box.image_recorder(RecordedImages())(None, None)
-        answer = object()
-        assert box.recorded(answer) is answer
-
-    assert box.status().state == "off"
-    assert not (tmp_path / "recordings").exists()
-
-
 async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tmp_path, monkeypatch):
     monkeypatch.setattr(blackbox, "PERIOD", 0.01)
     clock, bus = Clock(), Bus()
@@ -105,20 +78,6 @@ async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tm
     assert bus.values("event/log")[0].text.endswith(".mcap")  # not before there is a file
     assert "has been removed" in bus.values("event/log")[1].text
     assert bus.values("record/status")[0].queue_limit_bytes == 32_000_000
-
-
-async def test_requests_of_the_unix_socket_are_recorded_with_their_answers(tmp_path):
-    box = open_black_box(config(tmp_path), Clock(), is_recording=False)
-
-    async def answer(suffix, payload):
-        return CommandResult(status=Status.ACCEPTED)
-
-    async with box.run():
-        await box.recorded(answer)("do/release", b"\x80")
-    query, reply = recorded(tmp_path)
-    assert (query.kind, query.key, query.exchange) == (EntryKind.QUERY, "mk/bb/do/release", LOCAL_EXCHANGES)
-    assert (reply.kind, reply.exchange) == (EntryKind.REPLY, LOCAL_EXCHANGES)
-    assert msgpack.unpackb(reply.payload)["status"] == "accepted"
 
 
 @pytest.mark.parametrize("coding", ["jpeg", "png"])
@@ -147,11 +106,6 @@ async def test_images_are_recorded_at_the_rate_and_coding_asked_for(tmp_path, co
     assert (frame.coding, frame.sequence, frame.stamp.monotonic) == (coding, 6, pytest.approx(100.2))
     if coding == "png":
         assert np.array_equal(decoded, pixels)
-
-
-def test_a_daemon_without_one_has_one_that_does_nothing():
-    assert BlackBox(Clock()).tap is None
-    assert ImageRecorder.record is not None
 
 
 class LogQueue:

@@ -14,7 +14,6 @@ from mkdaemon.control.admission.rows import refusal
 from mkdaemon.daemon.discovery import require_discovery, require_flightctrl
 from mkdaemon.daemon.pathdelay import WAITING, PathProbe
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.discovery import DISCOVERY_TIME
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -59,15 +58,6 @@ async def test_an_aircraft_that_names_itself_meanwhile_is_waited_for():
     asyncio.get_running_loop().call_later(1.0, lambda: setattr(link, "is_discovering", False))
     await require_discovery(link, link_state())
     assert 1.0 <= asyncio.get_running_loop().time() < 1.2
-
-
-@virtually
-async def test_an_aircraft_that_does_not_name_itself_is_refused_with_what_is_missing():
-    link = line(is_up=True, boards=[Board.NC])
-    with pytest.raises(CommandRejectedError, match="nobody has named a release") as caught:
-        await require_discovery(link, link_state())
-    assert caught.value.token == "discovering"
-    assert asyncio.get_running_loop().time() == pytest.approx(DISCOVERY_TIME, abs=0.1)
 
 
 class Remembering:
@@ -135,13 +125,6 @@ def probe(clock):
     return PathProbe(clock)
 
 
-def test_an_echo_that_is_back_in_time_counts_once(probe, clock):
-    echo = probe.new_echo()
-    clock.now += 0.49
-    assert probe.delay(echo) == pytest.approx(0.49)
-    assert probe.delay(echo) == math.inf
-
-
 def test_an_echo_that_comes_late_says_how_late(probe, clock):
     echo = probe.new_echo()
     clock.now += 2.05
@@ -149,10 +132,6 @@ def test_an_echo_that_comes_late_says_how_late(probe, clock):
     assert error.token == Token.SLOW_PATH
     assert "takes 2.05 s, more than 0.5 s" in error.reason
     assert "max_path_delay" in error.fix
-
-
-def test_who_asks_for_no_echo_is_not_measured(probe):
-    assert probe.delay("") is None
 
 
 def test_echoes_that_never_come_back_fill_no_memory(probe):

@@ -19,14 +19,11 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.cellnote import LOOK, CellNotes
 from mkdaemon.daemon.cellnote import NAME as CELLS_NAME
 from mkdaemon.daemon.flightnote import MOST_AGE, NAME, FlightNotes
-from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.virtualtime import run_virtually
 from tests.control.test_batterywatch import battery
 
 PORT = "/dev/virtual"
 BEHIND = Boards("2.12a", "0.24")
-TAKE = LeaseRequest(action="take", holder="alice")
-CONFIRM = LeaseRequest(action="take", holder="alice", use_remembered=True)
 
 
 def clock_of_loop():
@@ -42,13 +39,6 @@ async def flying():
         flown.aircraft.flight.core.start()
         await asyncio.sleep(6.0)
         yield flown
-
-
-async def reopen(flown):
-    before = flown.socket.openings
-    flown.socket.port.lose("the program was killed")
-    await flown.until(lambda: flown.socket.openings > before)
-    await flown.until(lambda: flown.link.is_up)
 
 
 class Silent:
@@ -71,13 +61,6 @@ def written(tmp_path_factory):
             return (folder / NAME).read_bytes(), memory, notes.read()
 
     return run_virtually(fly())
-
-
-def test_a_note_says_what_was_known(written):
-    _, memory, found = written
-    assert found == memory or found.evidence.releases == memory.evidence.releases
-    assert (found.layout, found.firmware) == ("v2", "2.12a")
-    assert found.sighting.continues_as(memory.sighting) or found.sighting.at == pytest.approx(memory.sighting.at, abs=1)
 
 
 def notes_with(folder, raw, *, port=PORT, later=0.0):
@@ -190,19 +173,8 @@ async def test_configured_cells_count_and_nothing_else_is_remembered(tmp_path):
     assert not (tmp_path / CELLS_NAME).exists()
 
 
-async def test_cells_in_doubt_are_not_remembered(tmp_path):
-    assert await followed(CellNotes(tmp_path, None), resting(12.8)) == []
-    assert not (tmp_path / CELLS_NAME).exists()
-
-
 async def test_a_folder_that_takes_nothing_is_reported_once(tmp_path):
     (tmp_path / "file").write_text("")
     log = Log()
     await followed(CellNotes(tmp_path / "file" / "x", None), resting(14.6), log)
     assert [level for level, _ in log.lines] == ["warning"]
-
-
-@pytest.mark.parametrize("text", ["", "{}", '{"version": 1, "cells": 0}', '{"version": 1, "cells": "4"}', "x" * 300])
-def test_a_note_that_is_none_says_nothing(tmp_path, text):
-    (tmp_path / CELLS_NAME).write_text(text)
-    assert CellNotes(tmp_path, None).read() is None

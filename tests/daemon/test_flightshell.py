@@ -8,35 +8,26 @@ from types import SimpleNamespace
 import pytest
 
 from lab.rigs.linkrig import virtually
-from mkdaemon.bus.codec import TooLong
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import PublishError, PublishEstimate, SendSticks
+from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.events import PoseSeen, SightRefused
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.daemon.deck import Deck
-from mkdaemon.daemon.eyes import PoseSink
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import FrameNumber, ReleaseResult, SetpointQueued, SetpointRefused
-from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
-from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
+from mkdaemon.telemetry.command import ReleaseRequest
+from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import StickSetpoint
-from mkdaemon.telemetry.vision import PoseRefused
 from tests.control.admission.situations import GOOD
-from tests.control.events import pose
 from tests.daemon.procedures.procedure_rig import Bus
 from tests.values import made
 
 DONE = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
 ESTIMATE = made(EstimateValue, target="pad", position=(0.0, 0.0, 2.0), caution=0.25)
-ERROR = made(ErrorValue, manoeuvre="position", error_pad=(0.1, 0.0, 0.0))
 
 
 STICKS = SendSticks(StickCounts(0, 0, 0, 60), 1e9, epoch=1, sequence=3, age=0.01, is_limited=False)
@@ -129,40 +120,6 @@ async def test_a_release_by_the_guard_ends_control_and_neutral_sticks_do_not():
 
 
 @virtually
-async def test_of_all_clients_the_holder_alone_is_watched():
-    async with Shell() as shell:
-        shell.deck.core._authority.take("alice", "secret", 0.0)
-        await shell.flight.lease(LeaseRequest(action="show"))
-        [(name, watcher)] = shell.watched
-        assert name == "alice"
-        watcher("alice", True)
-        await asyncio.sleep(0.1)
-        assert shell.releases == []
-        watcher("alice", False)
-        await asyncio.sleep(0.1)
-        assert len(shell.releases) == 1
-        assert [name for name, _ in shell.watched] == ["alice", None]
-
-
-@pytest.mark.parametrize(
-    ("action", "key", "fields"),
-    [
-        (PublishEstimate(ESTIMATE), "control/estimate", {"target", "position", "caution"}),
-        (PublishError(ERROR), "control/error", {"manoeuvre", "error_pad"}),
-    ],
-)
-@virtually
-async def test_what_the_core_estimates_is_published_with_its_stamp(action, key, fields):
-    async with Shell() as shell:
-        shell.core.wanted = [action]
-        await asyncio.sleep(1.0)
-        [told] = shell.bus.values(key)
-        of = ESTIMATE if key == "control/estimate" else ERROR
-        assert told.model_dump(include=fields) == of.model_dump(include=fields)
-        assert 0.0 <= told.stamp.monotonic <= 1.0
-
-
-@virtually
 async def test_a_line_that_refuses_frames_ends_nothing_and_is_told():
     """The line fell silent between the look of the flight loop and its order."""
     refused = SetpointRefused(refuse(Token.LINK_DOWN, state="down", detail="nothing arrives any more"))
@@ -177,41 +134,3 @@ async def test_a_line_that_refuses_frames_ends_nothing_and_is_told():
         told = [event.text for event in shell.bus.values("event/log")]
         assert len(told) == 2
         assert all(text.startswith("stick frame not sent: link_down: ") for text in told)
-
-
-@virtually
-async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
-    async with Shell() as shell:
-        shell.deck.setpoint_arrived(StickSetpoint, 0.0, TooLong(9000, 512), None)
-        await asyncio.sleep(1.0)
-        [event] = shell.bus.values("event/command")
-        assert (event.key, event.token, event.fields) == ("setpoint/stick", "malformed", {"bytes": 9000})
-
-
-@virtually
-async def test_a_pose_and_a_refusal_reach_the_core_and_the_bus_and_other_values_only_the_bus():
-    told, bus, refused = [], Bus(), PoseRefused.model_construct(camera="down")
-    sink = PoseSink(lambda event, now: told.append((event, now)), bus, Clock(monotonic=lambda: 1.2))
-    sink.publish("vision/down/pose", pose(1.0))
-    sink.publish("vision/down/refused", refused)
-    sink.publish("vision/down/stats", ESTIMATE)
-    assert told == [(PoseSeen(pose(1.0)), 1.2), (SightRefused(refused), 1.2)]
-    assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/refused", "vision/down/stats"]
-
-
-@virtually
-async def test_a_path_that_can_be_flown_is_stored_and_another_one_refused():
-    flight = Shell().flight
-    start = PathPoint(position=(0.0, 0.0, 1.5))
-    near, far = (PathUploadRequest(points=(start, PathPoint(position=(x, 0.0, 1.5), speed=0.5))) for x in (1.0, 900.0))
-    assert flight.store_path(near).length == pytest.approx(1.0, abs=0.01)
-    with pytest.raises(CommandRejectedError) as refused:
-        flight.store_path(far)
-    assert refused.value.token == "path_refused"
-
-
-@virtually
-async def test_with_nothing_flown_an_abort_is_refused():
-    with pytest.raises(CommandRejectedError) as refused:
-        Shell().flight.abort(AbortRequest(reason="enough"))
-    assert refused.value.token == "nothing_flown"

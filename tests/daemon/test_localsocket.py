@@ -6,13 +6,12 @@ import asyncio
 import json
 import os
 import stat
-import sys
 
 import pytest
 
-from lab.rigs.waiting import PATIENCE, wait_until
+from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import decode_map
-from mkdaemon.bus.localsocket import REQUEST_BYTES, is_here, socket_folders, socket_name
+from mkdaemon.bus.localsocket import REQUEST_BYTES, socket_folders, socket_name
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.daemon import localsocket
 from mkdaemon.daemon.localsocket import CONNECTIONS, WORKED_ON, LocalSocket
@@ -106,23 +105,6 @@ async def test_nobody_there_is_one_error(tmp_path):
         await ask_locally(tmp_path / "none.sock", "release")
 
 
-@pytest.mark.parametrize(
-    ("endpoint", "here", "name"),
-    [
-        ("tcp/127.0.0.1:7447", True, "mk1-7447.sock"),
-        ("tls/localhost:7448#iface=lo", True, "mk1-7448.sock"),
-        ("tcp/[::1]:7447", True, "mk1-7447.sock"),
-        ("tcp/0.0.0.0:7447", True, "mk1-7447.sock"),
-        ("tcp/192.168.7.1:7447", False, "mk1-7447.sock"),
-        ("tls/ground.example:7447", False, "mk1-7447.sock"),
-        ("tls/localhost.example:7447", False, "mk1-7447.sock"),
-    ],
-)
-def test_a_socket_belongs_to_an_endpoint_of_this_machine(endpoint, here, name):
-    assert is_here(endpoint) is here
-    assert socket_name("mk1", endpoint) == name
-
-
 async def test_a_client_finds_it_and_trusts_no_other_users_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     endpoint = "tcp/127.0.0.1:7447"
@@ -147,36 +129,6 @@ async def test_a_folder_of_another_user_is_no_place_for_the_socket(path, monkeyp
         async with LocalSocket(Desk().answer).serve(path):
             pytest.fail("it listens")
     assert not path.exists()
-
-
-STORM = """
-import resource, socket, sys
-resource.setrlimit(resource.RLIMIT_NOFILE, (1024, 1024))
-kept = []
-while True:
-    try:
-        one = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        one.setblocking(False)
-        one.connect(sys.argv[1])
-        kept.append(one)
-    except OSError:
-        pass
-    if len(kept) == 500:
-        print(flush=True)
-        kept.clear()
-"""
-
-
-async def test_a_release_gets_in_beside_a_storm_of_connections(desk, path):
-    storm = await asyncio.create_subprocess_exec(sys.executable, "-c", STORM, str(path), stdout=asyncio.subprocess.PIPE)
-    try:
-        await asyncio.wait_for(storm.stdout.readline(), PATIENCE)  # it rages
-        for _ in range(3):
-            assert (await ask_locally(path, "release")).is_accepted
-    finally:
-        storm.kill()
-        await storm.wait()
-    assert len(desk.asked) >= 3
 
 
 async def test_who_has_most_silent_connections_loses_one(monkeypatch, path):
@@ -210,13 +162,3 @@ async def test_requests_that_are_worked_on_shut_out_no_release(path):
         gate.set()
         answers = await asyncio.gather(*cancels)
         assert sum(one.is_accepted for one in answers) == WORKED_ON
-
-
-def test_the_socket_of_one_service_of_many_is_found_in_its_own_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("mkdaemon.client.localsocket.SERVICE_FOLDER", tmp_path)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "user"))
-    (tmp_path / "mk7").mkdir()
-    path = tmp_path / "mk7" / socket_name("mk7", "tcp/127.0.0.1:7447")
-    path.touch()
-    assert find_socket("mk7", "tcp/127.0.0.1:7447") == path
-    assert find_socket("mk8", "tcp/127.0.0.1:7447") is None

@@ -16,7 +16,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.events import EyeStats, PoseSeen, SightRefused
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.positions import PositionSources, clock_of
+from mkdaemon.daemon.positions import PositionSources
 from mkdaemon.daemon.runnable import mistakes
 from mkdaemon.telemetry.position import PositionReport
 from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, TakeOffSetpoint
@@ -147,15 +147,6 @@ async def test_the_state_is_published_once_a_second_and_when_it_changes(tmp_path
     assert texts[1] == "source mocap: works"
 
 
-def test_the_clock_of_a_report_is_that_of_its_epoch():
-    data = payload(epoch=77)
-    assert clock_of(SUFFIX, SECRET, data, sign(SECRET, SUFFIX, data)) == 77
-    assert clock_of(SUFFIX, SECRET, data, b"") is None
-    assert clock_of(SUFFIX, None, data, b"") == 77
-    assert clock_of(SUFFIX, None, b"\xc1", b"") == 0
-    assert clock_of(SUFFIX, None, TooLate(1, 1.0, 0.3), b"") is None
-
-
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -192,7 +183,7 @@ class Flight:
             sequence += 1
             if measured is not None:
                 loop.call_later(measured.latency, self.put, measured.report(1, sequence))
-            await asyncio.sleep(1.0 / RATE)
+            await asyncio.sleep(4.0 / RATE)  # a quarter of what the system measures is enough to fly by
 
     def put(self, report):
         take, verify = self.bus.takers[SUFFIX]

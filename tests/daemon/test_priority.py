@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import gc
 import os
 import sys
 import threading
@@ -13,18 +11,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from mkdaemon.daemon import priority
 from mkdaemon.daemon.priority import (
     EYES,
     NICE,
     SWITCH,
     favour_eyes,
     favour_loop,
-    favour_session,
     favour_threads,
     is_favoured,
-    keep_threads_favoured,
-    spare_collector,
     treat_threads_equally,
 )
 
@@ -98,15 +92,6 @@ def test_a_system_without_such_priorities_is_no_fault(monkeypatch):
     assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
-def test_what_is_loaded_is_not_collected_again():
-    try:
-        spare_collector()
-        assert gc.get_freeze_count() > 1000
-        assert len(gc.get_objects()) < gc.get_freeze_count() / 10
-    finally:
-        gc.unfreeze()
-
-
 def test_other_threads_go_before_other_programs():
     with waiting_threads("other") as (other,):
         own = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
@@ -129,64 +114,6 @@ def test_the_eyes_go_with_the_loop_and_no_other_thread_does(monkeypatch):
         treat_threads_equally()
         assert policy_of(eyes) == os.SCHED_OTHER
     assert favour_eyes() is False
-
-
-def test_on_one_core_the_eyes_stay_behind_the_loop(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0})
-    with waiting_threads(EYES) as (eyes,):
-        assert favour_eyes() is False
-        assert policy_of(eyes) == os.SCHED_OTHER
-
-
-@pytest.mark.parametrize(("error", "found"), [(PermissionError, False), (ProcessLookupError, True)])
-def test_eyes_that_are_refused_or_gone_are_no_fault(monkeypatch, error, found):
-    def refuse(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0, 1})
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with waiting_threads(EYES):
-        assert favour_eyes() is found
-
-
-def test_a_thread_that_ends_meanwhile_is_no_fault(monkeypatch):
-    asked = []
-
-    def has_gone(kind: int, thread: int, nice: int) -> None:
-        asked.append(thread)
-        raise ProcessLookupError
-
-    monkeypatch.setattr(os, "setpriority", has_gone)
-    with waiting_threads("other") as (other,):
-        assert favour_threads() is True
-        assert other.native_id in asked
-
-
-def test_a_system_that_does_not_list_threads_is_no_fault(monkeypatch, tmp_path):
-    monkeypatch.setattr(priority, "THREADS", tmp_path / "nothing")
-    assert favour_threads() is False
-
-
-def test_the_session_goes_before_other_sessions_where_the_kernel_has_sessions(monkeypatch, tmp_path):
-    for group, is_favoured_there in ((tmp_path / "autogroup", True), (tmp_path, False)):
-        monkeypatch.setattr(priority, "AUTOGROUP", group)
-        assert favour_session() is is_favoured_there
-    assert int((tmp_path / "autogroup").read_text()) == NICE
-
-
-async def test_threads_that_come_later_are_favoured_too(monkeypatch, tmp_path):
-    looks, eyes, group = [], [], tmp_path / "autogroup"
-    monkeypatch.setattr(priority, "AUTOGROUP", group)
-    monkeypatch.setattr(priority, "favour_threads", lambda: looks.append(1))
-    monkeypatch.setattr(priority, "favour_eyes", lambda: eyes.append(1))
-    monkeypatch.setattr(priority, "THREADS_LOOK", 0.0)
-    keeping = asyncio.create_task(keep_threads_favoured())
-    for _ in range(5):
-        await asyncio.sleep(0)
-    keeping.cancel()
-    assert len(looks) > 1
-    assert len(eyes) > 1
-    assert group.exists()
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
-import io
 import os
 import re
 import signal
-import socket
 import sys
 import termios
 import threading
@@ -17,13 +14,11 @@ import tty
 
 import pytest
 import zenoh
-from rich.console import Console
 
 from lab.rigs.programs import PATIENCE, mkdaemon
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.doctor.check import Severity
-from mkdaemon.cli.mkdaemon.doctor.command import show
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.table import examine
 from mkdaemon.cli.program import run
@@ -142,28 +137,6 @@ def test_a_mistake_is_named_in_one_line(mistake, tmp_path, monkeypatch, words, c
     assert re.search(told, line)
 
 
-def test_a_port_another_program_holds(mistake, terminal):
-    _, far = terminal
-    holder = os.open(far, os.O_RDWR | os.O_NOCTTY)
-    fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    try:
-        code, line = mistake("--port", far, "--listen", free_endpoint())
-    finally:
-        os.close(holder)
-    assert code == 1
-    assert far in line
-
-
-def test_a_bus_endpoint_in_use(mistake):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        code, line = mistake("--port", "tcp:localhost:9", "--listen", endpoint)
-    assert code == 1
-    assert f"bus.listen {endpoint} is in use: another mkdaemon runs here" in line
-
-
 TARGET = str(CONFIGS / "targets" / "nested.toml")
 CAMERA = f'[[cameras]]\nsource = "/dev/video9"\ntargets = ["{TARGET}"]\n'
 PORT = '[link]\nport = "/dev/ttyUSB0"\n'
@@ -208,27 +181,3 @@ async def test_what_run_refuses_the_doctor_calls_bad_in_the_same_words(text, wor
     assert words in refusal
     found = [finding for finding in examine(machine, path).findings if finding.check == "configuration"]
     assert (found[0].severity, found[0].what) == (Severity.ERROR, refusal)
-
-
-def test_the_doctor_names_every_mistake(tmp_path, machine):
-    path = tmp_path / "aircraft.toml"
-    path.write_text('[link]\nport = "ttyUSB0"\nrates = { osf = 100 }\n', encoding="utf-8")
-    found = [finding for finding in examine(machine, path).findings if finding.check == "configuration"]
-    assert [finding.severity for finding in found] == [Severity.ERROR, Severity.ERROR]
-
-
-@pytest.mark.parametrize("name", ["cyberquad.toml", "sim.toml", "sim-vision.toml"])
-def test_the_samples_are_valid(name, machine, monkeypatch):
-    monkeypatch.chdir(CONFIGS.parent)
-    seen = examine(machine, CONFIGS / name)
-    assert "configuration" not in {finding.check for finding in seen.findings}
-
-
-def test_brackets_of_a_finding_are_shown_as_they_are(tmp_path, machine):
-    path = tmp_path / "aircraft.toml"
-    path.write_text("[link]\nport = 7\n[[cameras]]\n[cameras.mount]\nlooks = '[red]'\n", encoding="utf-8")
-    console = Console(width=400, record=True, file=io.StringIO())
-    seen = examine(machine, path)
-    said = tuple(finding._replace(what="[link] [red]no[/red] [nothing") for finding in seen.findings)
-    show(seen._replace(findings=said), console)
-    assert "[link] [red]no[/red] [nothing" in console.export_text()

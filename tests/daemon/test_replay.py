@@ -97,13 +97,6 @@ def test_not_one_frame_of_the_recording_is_lost(heard):
     assert len(sequence) == sum(count for key, count in heard.counts.items() if key.startswith("rx/"))
 
 
-def test_positions_are_where_it_flew(heard):
-    positions = heard.values["state/position"]
-    assert len(positions) == heard.counts["rx/nc/osd"]
-    assert all(abs(p["latitude_deg"] - 42.46) < 0.001 and abs(p["longitude_deg"] + 71.27) < 0.001 for p in positions)
-    assert heard.encodings["state/position"] == "application/msgpack;mk.Position.v1"
-
-
 def test_si_values_agree_with_the_frames_they_came_from(heard):
     for frame, battery, position in zip(
         heard.values["rx/nc/osd"], heard.values["state/battery"], heard.values["state/position"], strict=True
@@ -118,11 +111,6 @@ def test_si_values_agree_with_the_frames_they_came_from(heard):
     assert heard.encodings["rx/nc/osd"] == "application/msgpack;mk.OsdData5.v1"
 
 
-def test_values_come_in_the_order_of_the_recording(heard):
-    stamps = [value["stamp"]["wall"] for value in heard.values["rx/nc/osd"]]
-    assert stamps == sorted(stamps)
-
-
 RECORDING = DATA / "captures" / "nc_mixed_60s.jsonl"
 SETTLED = 2.0
 """Stamps are right again so long after the step [s]."""
@@ -131,9 +119,8 @@ TOLERANCE = 0.1
 REGULAR = {"mk/t/raw/rx", "mk/t/rx/nc/osd", "mk/t/state/attitude", "mk/t/link/health", "mk/t/health"}
 
 
-@pytest.mark.parametrize("step", [3600.0, -3600.0])
-async def test_after_a_step_of_an_hour_stamps_are_right_within_2_s_and_an_event_says_so(step):
-    shift = 0.0
+async def test_after_a_step_of_an_hour_stamps_are_right_within_2_s_and_an_event_says_so():
+    shift, step = 0.0, -3600.0
     clock = Clock(wall=lambda: time.time() + shift)
     endpoint = free_endpoint()
     cfg = Config.model_validate(

@@ -16,7 +16,7 @@ from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon import requests
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, EchoRequest, MotorTest, VersionFc210, VersionRequest
@@ -160,14 +160,6 @@ async def test_what_the_aircraft_must_not_or_cannot_take_is_refused_and_not_sent
     assert (await desk.ask("nc/echo_request", {"pattern": 1})).status == "accepted", "questions are answered"
 
 
-async def test_a_typed_reply_comes_back_with_its_schema(desk):
-    result = await desk.ask("nc/echo_request", {"pattern": 7})
-    assert (result.status, result.reply, result.reply_type) == ("accepted", {"pattern": 7}, "Echo.v1")
-    [(board, message)] = desk.line.asked
-    assert (board, message.pattern) == (Board.NC, 7)
-    assert desk.events[0][1] == {"pattern": 7}
-
-
 @pytest.mark.parametrize(
     ("place", "fields", "token", "words"),
     [
@@ -190,14 +182,6 @@ async def test_what_cannot_be_built_is_refused_with_what_is_wrong(desk, place, f
     assert result.token == token
     assert words in f"{result.reason} {result.fix}"
     assert desk.line.asked == []
-
-
-async def test_the_dialects_layout_is_taken_where_none_is_asked_for(desk):
-    await desk.ask("nc/navi_parameter_request", {"id": 0, "layout": "short"})
-    assert desk.line.asked[-1][1].spec.layout == "short"
-    desk.line.dialect = Dialect(read_only_reason=None, layouts={(Board.NC, "o"): "v2"})
-    await desk.ask("nc/osd_request", {"interval": 10, "max_bytes_per_s": 1024})
-    assert desk.line.asked[-1][1].spec.layout == "v2"
 
 
 async def test_a_dangerous_request_is_sent_only_to_a_board_that_proved_itself(desk):
@@ -262,12 +246,6 @@ async def test_silence_is_a_timeout_and_a_defect_is_answered_and_mirrored_like_e
     result = await desk.ask("nc/echo_request", {"pattern": 1})
     assert (result.status, result.token) == (status, token)
     assert token != "internal" or "RuntimeError: wires crossed" in result.reason
-
-
-async def test_a_request_without_answer_is_not_observable(desk):
-    result = await desk.ask("nc/serial_channels", {"channels": [0] * 12, "confirm": True})
-    assert result.status == "not_observable"
-    assert "never answers" in result.reason
 
 
 @pytest.mark.parametrize(("port", "end"), [(0, Board.FC), (1, Board.MAG), (2, Board.ANY)])
@@ -346,18 +324,3 @@ async def test_what_telemetry_said_about_the_motors_a_second_ago_lets_nothing_pa
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token == "motors_unknown"
     desk.facts.motors_reported(False, STILL.now() - 0.4)
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token is None
-
-
-async def test_a_step_of_a_procedure_waits_while_the_boards_are_asked_anew(desk):
-    desk.line.dialect = Dialect()  # nobody has named a release yet
-    desk.line.is_discovering = True
-
-    def answer():
-        desk.line.dialect, desk.line.is_discovering = Dialect(read_only_reason=None), False
-
-    asyncio.get_running_loop().call_later(0.06, answer)
-    await desk._requests.check_step(Board.FC, MotorTest(motors=TURNING))
-    desk.line.dialect = Dialect(read_only_reason="it is in no table")
-    with pytest.raises(CommandRejectedError, match="it is in no table") as caught:
-        await desk._requests.check_step(Board.FC, MotorTest(motors=TURNING))
-    assert caught.value.token == "read_only"

@@ -16,7 +16,7 @@ from mkdaemon.daemon import program
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.program import Daemon, run
 from mkdaemon.daemon.watchdog import Notifier
-from mkdaemon.errors import ConfigError, LinkLostError, MkError
+from mkdaemon.errors import LinkLostError
 from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import Evidence
@@ -114,17 +114,6 @@ async def test_a_recording_is_played_when_somebody_listens_or_after_a_while_and_
 
 
 @virtually
-async def test_a_recording_that_is_stopped_ends_at_once_and_nothing_is_sent(recording, tmp_path):
-    bus, stop, loop = Bus(), asyncio.Event(), asyncio.get_running_loop()
-    ended_at = program.AUDIENCE_WAIT + 0.3
-    loop.call_later(ended_at, stop.set)
-    await daemon(tmp_path, recording, bus).serve(stop, Notifier({}))
-    assert bus.values("raw/rx")
-    assert bus.values("raw/tx") == []
-    assert loop.time() == pytest.approx(ended_at, abs=0.1)
-
-
-@virtually
 async def test_what_an_earlier_daemon_knew_of_a_flight_is_remembered_and_told(tmp_path):
     clock = Clock(monotonic=asyncio.get_running_loop().time)
     releases = MappingProxyType({Board.NC: Release(0, 24, 0), Board.FC: Release(2, 12, 0)})
@@ -203,21 +192,6 @@ async def test_the_port_is_opened_when_the_guard_answers(monkeypatch, tmp_path):
     assert opened == ["guard", "port"]
 
 
-@virtually
-async def test_a_defect_in_watching_the_guard_ends_the_daemon_and_does_not_pass_unseen(monkeypatch, tmp_path):
-    class Broken(GuardStub):
-        async def watch(self):
-            await asyncio.sleep(1.0)
-            raise RuntimeError("wires crossed")
-
-    monkeypatch.setattr(program, "GuardProcess", Broken)
-    served = daemon(tmp_path, "/dev/tty-nothing", wait_for_port=True)
-    with pytest.raises(ExceptionGroup) as caught:
-        await served.serve(asyncio.Event(), Notifier({}))
-    assert caught.group_contains(RuntimeError, match="wires crossed")
-    assert served._guard.is_over
-
-
 def with_daemon(monkeypatch, error):
     """Let `run` serve something that ends with an error."""
 
@@ -236,19 +210,6 @@ def with_daemon(monkeypatch, error):
     monkeypatch.setattr(program.Bus, "open", opened)
     monkeypatch.setattr(program, "spare_collector", lambda: None)
     return Config.model_validate({"link": {"port": "/dev/tty-nothing"}})
-
-
-async def test_no_port_is_found_before_anything_is_opened():
-    with pytest.raises(ConfigError, match=r"link\.port: no port is configured"):
-        await run(Config(), asyncio.Event())
-
-
-async def test_an_error_among_the_tasks_is_raised_as_itself(monkeypatch):
-    lost = LinkLostError("no serial port")
-    cfg = with_daemon(monkeypatch, ExceptionGroup("line", [ExceptionGroup("above", [lost])]))
-    with pytest.raises(MkError) as caught:
-        await run(cfg, asyncio.Event())
-    assert caught.value is lost
 
 
 @pytest.mark.parametrize("beside", [[], [LinkLostError("no serial port")]], ids=["alone", "beside an error"])

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import msgpack
 import pytest
 
-from mkdaemon.bus.schema import schema_json
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.regulator.margins import gains_of
@@ -15,7 +12,7 @@ from mkdaemon.daemon.procedures import Interlock, ProcedureRunner
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
+from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.verbs import VERBS
@@ -94,22 +91,6 @@ def test_every_verb_of_the_table_is_answered(desk):
     assert {*desk._verbs._handlers, *procedures} == {verb.name for verb in VERBS}
 
 
-async def test_another_aircraft_is_accepted_once(desk):
-    assert (await desk.ask("accept_aircraft")).status == "accepted"
-    assert (await desk.ask("accept_aircraft")).token == "no_other_aircraft"
-
-
-async def test_rates_are_shown_and_changed(desk):
-    shown = await desk.ask("rates")
-    assert (shown.status, shown.reply_type) == ("accepted", "Rates.v1")
-    assert shown.reply == {"intervals": {"osd": 0.1, "attitude": 0.05}}
-    changed = await desk.ask("rates", {"stream": "osd", "interval": 0.25})
-    assert changed.reply["intervals"]["osd"] == 0.25
-    stopped = await desk.ask("rates", {"stream": "osd", "interval": 0})
-    assert stopped.reply["intervals"]["osd"] == 0
-    assert desk.events[1][1] == {"stream": "osd", "interval": 0.25}
-
-
 @pytest.mark.parametrize(
     ("verb", "fields", "token", "words"),
     [
@@ -148,33 +129,3 @@ async def test_release_says_how_it_went(desk, released, status, token):
     if isinstance(released, ReleaseResult):
         assert (result.reply["status"], result.reply["sent"]) == (released.status, 5)
     assert token != "internal" or "RuntimeError: wires crossed" in result.reason
-
-
-async def test_an_answer_fits_the_schema_it_names(desk, monkeypatch):
-    async def nobody(request):
-        return None
-
-    async def someone(request):
-        return LeaseState(holder="a", epoch=1, ttl=2.0, left=1.0)
-
-    monkeypatch.setattr(desk, "lease", nobody)
-    free = await desk.ask("lease", {"action": "show"})
-    assert (free.status, free.reply, free.reply_type) == ("accepted", None, None)
-    monkeypatch.setattr(desk, "lease", someone)
-    for verb, fields in (("lease", {"action": "show"}), ("release", {}), ("rates", {})):
-        result = await desk.ask(verb, fields)
-        schema = json.loads(schema_json(result.reply_type))
-        assert set(schema["required"]) <= set(result.reply) <= set(schema["properties"])
-
-
-async def test_gains_of_the_model_that_is_flown_on_and_checks_before_a_flight_are_answered_whole(desk):
-    gains, checks = await desk.ask("gains", {}), await desk.ask("preflight", {})
-    assert (gains.status, gains.reply["radius"] < 1.0) == ("accepted", True)
-    assert (checks.status, checks.reply["is_ready"]) == ("accepted", True)
-    assert checks.reply_type == "PreflightReport.v1"
-
-
-async def test_a_moment_is_marked_without_a_lease(desk):
-    assert (await desk.ask("mark", {"text": "here", "holder": "me"})).status == "accepted"
-    assert desk.marks == [("here", "me")]
-    assert (await desk.ask("mark", {"text": ""})).token == "bad_field"

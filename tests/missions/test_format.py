@@ -34,15 +34,6 @@ def test_unknown_suffix_names_the_known_ones(tmp_path: Path) -> None:
         read_mission(tmp_path / "a.xyz")
 
 
-def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_mission(tmp_path / "none.gpx")
-    binary = tmp_path / "b.gpx"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="not UTF-8 text"):
-        read_mission(binary)
-
-
 SEA = """<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte>
 <rtept lat="48.1" lon="11.5"><ele>540</ele></rtept>
 <rtept lat="48.2" lon="11.6"><ele>550.5</ele></rtept></rte></gpx>"""
@@ -182,65 +173,8 @@ def test_wpl_of_the_mikrokopter_tool_version_2_puts_its_poi_first() -> None:
     assert [point.poi for point in plain] == [None]
 
 
-def test_wpl_of_early_ikopter_counts_types_from_zero() -> None:
-    text = FORMATS[".wpl"].write(ROUND).replace("Type=1", "Type=0").replace("Type=2", "Type=1")
-    named = text.replace("[General]", "[General]\nName=Round")
-    assert [point.kind for point in FORMATS[".wpl"].read(named, "a.wpl").mission.points] == [
-        point.kind for point in ROUND.points
-    ]
-
-
-def test_a_file_that_is_too_large_or_cannot_be_written(tmp_path: Path) -> None:
-    large = tmp_path / "large.csv"
-    large.write_bytes(b"0" * 4_000_001)
-    with pytest.raises(ConfigError, match="larger than 4 MB"):
-        read_mission(large)
-    with pytest.raises(ConfigError, match=r"there is no folder .*no; create it first"):
-        write_mission(ROUND, tmp_path / "no" / "where.csv")
-
-
-def test_a_plan_of_every_item_it_can_express() -> None:
-    items = [
-        '{"type":"SimpleItem","command":178,"frame":2,"params":[1,4.5,-1,0,0,0,0]}',
-        '{"type":"SimpleItem","command":206,"frame":2,"params":[10,0,0,0,0,0,0]}',
-        '{"type":"SimpleItem","command":205,"frame":2,"params":[-30,0,0,0,0,0,2]}',
-        '{"type":"SimpleItem","command":19,"frame":3,"params":[7,0,0,90,53.1,8.1,20]}',
-        '{"type":"SimpleItem","command":197,"frame":2,"params":[0,0,0,0,0,0,0]}',
-        '{"type":"SimpleItem","command":21,"frame":3,"params":[0,0,0,0,53.2,8.2,0]}',
-    ]
-    points = FORMATS[".plan"].read(plan(",".join(items)), "a.plan").mission.points
-    assert points == (
-        MissionPoint(
-            latitude_deg=53.1, longitude_deg=8.1, altitude=20, hold=7, heading_deg=90, speed=4.5,
-            camera_angle_deg=30, photo_distance=10,
-        ),
-        MissionPoint(
-            latitude_deg=53.2, longitude_deg=8.2, altitude=0, kind=PointKind.LAND, heading_deg=360, speed=4.5,
-            camera_angle_deg=30, photo_distance=10,
-        ),
-    )  # fmt: skip
-    again = FORMATS[".plan"].read(FORMATS[".plan"].write(Mission(points=points)), "b.plan").mission.points
-    assert again == points
-
-
 def test_blank_lines_and_comments_are_no_points(tmp_path: Path) -> None:
     table = "latitude_deg,longitude_deg,altitude\n\n1,2,3\n ,,\n"
     assert len(FORMATS[".csv"].read(table, "a.csv").mission.points) == 1
     listed = FORMATS[".wpl"].write(ROUND).replace("[Point2]", "; second\n\n[Point2]")
     assert len(FORMATS[".wpl"].read(listed, "a.wpl").mission.points) == 3
-
-
-def test_a_drawn_path_is_a_mission_at_one_height(tmp_path: Path) -> None:
-    path = tmp_path / "path.kml"
-    path.write_text(
-        "<kml><Document><LineString><coordinates>\n8.1,53.1,0\n8.2,53.2\n</coordinates></LineString></Document></kml>"
-    )
-    points = read_mission(path, altitude=12).points
-    assert [(p.latitude_deg, p.longitude_deg, p.altitude) for p in points] == [(53.1, 8.1, 12.0), (53.2, 8.2, 12.0)]
-
-
-def test_gpx_waypoints_without_a_route_are_a_mission() -> None:
-    text = '<gpx><wpt lat="1" lon="2"><name>Longer name</name></wpt></gpx>'
-    draft = FORMATS[".gpx"].read(text, "a.gpx")
-    assert draft.reference is AltitudeReference.ABSENT
-    assert draft.mission.points[0].name == "Long"

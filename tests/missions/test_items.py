@@ -53,10 +53,6 @@ def around(it: dict[str, Any]) -> list[dict[str, Any]]:
     return [WAY, it, HIGH, LOW]
 
 
-def test_each_command_of_the_table_has_a_case() -> None:
-    assert VALID.keys() == COMMANDS.keys()
-
-
 @pytest.mark.parametrize("autopilot", [GENERIC, ARDUPILOT, PX4])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_changed_parameter_changes_the_mission_or_is_refused_or_told(command: int, autopilot: int) -> None:
@@ -129,57 +125,12 @@ def test_what_a_point_cannot_say_is_refused_by_name(command: int, params: list[A
         drafted(item(command, params), WAY)
 
 
-def test_nan_is_not_given() -> None:
-    given_nan = [math.nan, math.nan, math.nan, math.nan, 53.1, 8.1, 20]
-    assert drafted(item(16, given_nan)).mission == drafted(item(16, [0, 0, 0, None, 53.1, 8.1, 20])).mission
-
-
-def test_yaw_0_is_north_except_for_ardupilot() -> None:
-    params = [0, 0, 0, 0, 53.1, 8.1, 20]
-    headings = {a: drafted(item(16, params), autopilot=a).mission.points[0].heading_deg for a in (0, ARDUPILOT, PX4)}
-    assert headings == {0: 360, ARDUPILOT: None, PX4: 360}
-
-
-def test_a_return_is_told_as_the_last_item_and_refused_before_another() -> None:
-    back = item(20, [0, 0, 0, 0, 0, 0, 0])
-    draft = drafted(WAY, HIGH, back)
-    assert draft.mission == drafted(WAY, HIGH).mission
-    assert draft.notes == ("a.plan:1: return to launch: a NaviCtrl 0.24 flies home after the last point anyway",)
-    with pytest.raises(ConfigError, match="nothing can be flown after a return to launch"):
-        drafted(WAY, back, HIGH)
-
-
-@pytest.mark.parametrize("turn", [-1, 1])
-def test_a_landing_that_ardupilot_wrote_has_no_yaw(turn: int) -> None:
-    """It writes the turn of a plane's deep stall there (`AP_Mission.cpp`, mission_cmd_to_mavlink_int)."""
-    landing = item(21, [0, 0, 0, turn, 53.1, 8.1, 0])
-    assert drafted(WAY, HIGH, landing, autopilot=ARDUPILOT).mission.points[-1].heading_deg is None
-
-
-@pytest.mark.parametrize("cancel", [(201, 0), (197, 0)])
-def test_a_cancelled_region_is_no_point_at_0_n_0_e(cancel: tuple[int, int]) -> None:
-    command, mode = cancel
-    look = item(201, [3, 0, 0, 0, 53.2, 8.2, 5])
-    for autopilot in (GENERIC, ARDUPILOT, PX4):
-        draft = drafted(look, WAY, item(command, [mode, 0, 0, 0, 0, 0, 0]), HIGH, autopilot=autopilot)
-        assert [point.poi for point in draft.mission.points] == [None, 1, None]
-        assert draft.origins == (0, 1, 3)
-
-
 def test_ardupilot_looks_at_a_place_without_a_mode_and_cancels_without_a_place() -> None:
     look = item(201, [0, 0, 0, 0, 53.2, 8.2, 5])
     draft = drafted(look, WAY, item(195, [0] * 7), HIGH, autopilot=ARDUPILOT)
     assert [point.poi for point in draft.mission.points] == [None, 1, None]
     with pytest.raises(ConfigError, match="0 N 0 E"):
         drafted(item(195, [0] * 7), WAY)
-
-
-def test_a_take_off_is_where_the_list_begins_and_told() -> None:
-    placed = drafted(item(22, [15, 0, 0, None, 53.0, 8.0, 12]), WAY)
-    assert [point.altitude for point in placed.mission.points] == [12, 20]
-    bare = drafted(item(22, [0, 0, 0, 0, 0, 0, 12]), WAY)
-    assert [point.altitude for point in bare.mission.points] == [20]
-    assert all("take off by hand or with mkctl takeoff" in draft.notes[0] for draft in (placed, bare))
 
 
 def test_a_mission_that_waits_is_refused_except_where_the_word_is_not_read() -> None:
@@ -189,22 +140,3 @@ def test_a_mission_that_waits_is_refused_except_where_the_word_is_not_read() -> 
     draft = drafted(*waits, autopilot=ARDUPILOT)
     assert len(draft.mission.points) == 2
     assert draft.notes == ("a.plan:1: autoContinue is false, and ArduPilot goes on all the same",)
-
-
-def test_a_short_hold_is_no_flight_through() -> None:
-    draft = drafted(item(16, [0.5, 0.2, 0, None, 53.1, 8.1, 20]), item(206, [0.3, 0, 1, 0, 0, 0, 0]), HIGH)
-    assert (draft.mission.points[0].hold, draft.mission.points[0].radius) == (1, 1)
-    assert draft.mission.points[1].photo_distance == 1
-    assert draft.notes == (
-        "a.plan:1: picture at once 1 of camera distance is left out: the first picture comes after the first distance",
-    )
-
-
-def test_fence_and_rally_points_are_told() -> None:
-    circle = {"circles": [{"circle": {"center": [53.1, 8.1], "radius": 60}, "inclusion": True}], "polygons": []}
-    draft = drafted(WAY, geoFence=circle, rallyPoints={"points": [[53.1, 8.1, 10]]})
-    assert draft.notes == (
-        "the geofence of the plan: a NaviCtrl has none",
-        "the rally points of the plan: a NaviCtrl has none",
-    )
-    assert drafted(WAY, geoFence={"circles": [], "polygons": []}, rallyPoints={"points": []}).notes == ()

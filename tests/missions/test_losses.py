@@ -10,7 +10,7 @@ from hypothesis import given
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import FORMATS, write_mission
 from mkdaemon.missions.losses import lost
-from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, PointKind
 
 from .missions import ROUND, missions
 
@@ -24,12 +24,6 @@ def back(mission: Mission, suffix: str) -> Mission:
 
 def fields_of(found: tuple[str, ...]) -> set[str]:
     return {entry.partition(" of ")[0] for entry in found if " of " in entry}
-
-
-@given(mission=missions() | missions(whole_metres=True))
-def test_a_wpl_loses_parts_of_metres_and_says_so(mission: Mission) -> None:
-    uneven = any(not point.altitude.is_integer() for point in mission.points if point.kind is not PointKind.POI)
-    assert fields_of(lost(mission, back(mission, ".wpl"))) == ({"altitude"} if uneven else set())
 
 
 @given(mission=missions(max_size=4))
@@ -58,11 +52,3 @@ def test_what_is_lost_is_listed_with_its_points(tmp_path: Path) -> None:
     alone = Mission(points=(ROUND.points[0], ROUND.points[2], *ROUND.points[2:], ROUND.points[2]))
     assert write_mission(alone, tmp_path / "alone.plan")[-1] == "point 1, which no point looks at"
     assert write_mission(alone, tmp_path / "again.plan")[0] == "name of points 2, 3 and 4"
-
-
-def test_a_plan_is_not_written_where_it_would_fly_another_mission(tmp_path: Path) -> None:
-    place = MissionPoint(latitude_deg=53, longitude_deg=8, altitude=10, kind=PointKind.FAILSAFE)
-    for points, says in (((ROUND.points[2], place), "point 2 is a fail-safe point"), (ROUND.points[:1], "no waypoint")):
-        with pytest.raises(ConfigError, match=rf"m\.plan: this format cannot keep the mission: .*{says}"):
-            write_mission(Mission(points=points), tmp_path / "m.plan")
-        assert not (tmp_path / "m.plan").exists()

@@ -19,19 +19,6 @@ def read(tmp_path, *rows, head="duration,x^0"):
     return read_pieces(path)
 
 
-def test_each_line_is_a_piece(tmp_path):
-    one, two = read(tmp_path, ROW, "", "# a note", [*ROW, ""])
-    assert one == two
-    assert one["duration"] == 1.5
-    assert (one["x"], one["yaw"]) == ([1, 2, 3, 4, 5, 6, 7, 8], [25, 26, 27, 28, 29, 30, 31, 32])
-
-
-def test_zeros_of_yaw_keep_the_heading_unless_another_piece_turns(tmp_path):
-    still = [*ROW[:25], *("0.0",) * 8]
-    assert [piece["yaw"] for piece in read(tmp_path, still, still)] == [[], []]
-    assert read(tmp_path, still, ROW)[0]["yaw"] == [0.0] * 8
-
-
 @pytest.mark.parametrize(
     ("rows", "words"),
     [

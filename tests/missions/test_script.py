@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import re
-
 import pytest
 
-from lab.places import ROOT
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.script import GotoStep, LandStep, PathStep, PathStepPoint, TakeOffStep, WaitStep, read_script
+from mkdaemon.missions.script import WaitStep, read_script
 
 GOOD = """
 [[step]]
@@ -43,24 +39,6 @@ def script(tmp_path, text):
     return path
 
 
-def test_a_script_is_its_steps_in_order(tmp_path):
-    steps = read_script(script(tmp_path, GOOD))
-    assert [type(step) for step in steps] == [WaitStep, TakeOffStep, GotoStep, LandStep]
-    assert steps[2].position == (0.5, 0.0, 2.0)
-
-
-def test_the_script_of_the_manual_is_one(tmp_path):
-    page = (ROOT / "docs" / "flying.md").read_text(encoding="utf-8")
-    [text] = re.findall(r"```toml\n(.*?)```", page.split("\n### From a file\n")[1].split("\n## ")[0], re.DOTALL)
-    assert [type(step).__name__ for step in read_script(script(tmp_path, text))] == [
-        "WaitStep",
-        "TakeOffStep",
-        "GotoStep",
-        "HoldStep",
-        "LandStep",
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -92,25 +70,6 @@ def test_what_is_wrong_is_said_with_its_step(tmp_path, text, words):
     assert words in str(wrong.value)
 
 
-def test_a_path_has_points_with_headings_and_can_be_flown_slower(tmp_path):
-    text = POINTS + "position = [1, 0, 2]\nspeed = 0.5\n[[step.points]]\nposition = [1, 1, 2]\ntime = 3\nstop = 2\n"
-    (step,) = read_script(script(tmp_path, text))
-    assert [(point.time, point.speed, point.stop) for point in step.request.points] == [
-        (None, None, None),
-        (None, 0.5, None),
-        (3.0, None, 2.0),
-    ]
-    slower = step.model_copy(update={"slower": 2.0}).request.points
-    assert [(point.time, point.speed, point.stop) for point in slower] == [
-        (None, None, None),
-        (None, 0.25, None),
-        (6.0, None, 2.0),
-    ]
-    turned = PathStepPoint(position=(0.0, 0.0, 2.0), yaw_deg=90.0)
-    points = PathStep(do="path", points=(turned, turned.model_copy(update={"time": 1.0}))).request.points
-    assert points[1].yaw == pytest.approx(math.pi / 2)
-
-
 def test_a_path_takes_polynomials_of_the_file_beside_it_and_slows_them_down(tmp_path):
     row = [2.0, *range(8), *(0.0,) * 7, 1.0, 2.0, *(0.0,) * 7, *(0.0,) * 8]
     (tmp_path / "way.csv").write_text("duration,x^0\n" + ",".join(map(str, row)) + ",\n\n")
@@ -119,11 +78,6 @@ def test_a_path_takes_polynomials_of_the_file_beside_it_and_slows_them_down(tmp_
     assert (piece.duration, piece.yaw) == (4.0, ())
     assert piece.x == pytest.approx([k / 2**k for k in range(8)])
     assert (piece.y[7], piece.z[0]) == (pytest.approx(1.0 / 2**7), 2.0)
-
-
-def test_a_file_that_is_not_there_is_said(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_script(tmp_path / "nowhere.toml")
 
 
 @pytest.mark.parametrize(

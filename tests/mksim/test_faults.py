@@ -29,14 +29,6 @@ def test_every_fault_explains_itself_starts_and_stops(name: str) -> None:
     faults.stop(name)
 
 
-def test_values_override_defaults() -> None:
-    faults = RunningFaults()
-    faults.start("motor_weak", motor=3, share="0.5")
-    assert (faults.number("motor_weak", "motor"), faults.number("motor_weak", "share")) == (3.0, 0.5)
-    faults.stop("motor_weak")
-    assert faults.number("motor_weak", "motor") == 1.0
-
-
 @pytest.mark.parametrize(
     ("name", "values", "token", "says"),
     [
@@ -76,20 +68,3 @@ def test_a_fault_ends_by_itself() -> None:
     assert faults.generation > before
     faults.clear()
     assert not faults.active
-
-
-def test_an_event_is_taken_once() -> None:
-    faults = RunningFaults()
-    assert not faults.take("fc_reboot")
-    faults.start("fc_reboot")
-    assert [faults.take("fc_reboot") for _ in range(2)] == [True, False]
-
-
-@pytest.mark.parametrize(
-    ("direction", "cut"), [("both", {"to_board", "to_host"}), ("to_board", {"to_board"}), ("to_host", {"to_host"})]
-)
-def test_the_link_is_cut_one_way_or_both(direction: str, cut: set[str]) -> None:
-    faults = RunningFaults()
-    assert not faults.is_link_cut("to_board")
-    faults.start("link_cut", direction=direction)
-    assert {way for way in ("to_board", "to_host") if faults.is_link_cut(way)} == cut

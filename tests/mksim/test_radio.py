@@ -39,23 +39,6 @@ def first_arrivals(config: ChannelConfig, count: int, period: float) -> list[flo
     return delays
 
 
-def test_a_cable_costs_wire_time_and_a_busy_one_queues() -> None:
-    channel = RadioChannel(ChannelConfig(), 1)
-    channel.push(b"abc", 1.0)
-    channel.push(b"d", 1.0)
-    assert [t for t, _ in drain(channel)] == pytest.approx([1.0 + k * BYTE for k in (1, 2, 3, 4)])
-
-
-def test_poll_gives_only_what_has_arrived() -> None:
-    channel = RadioChannel(ChannelConfig(), 1)
-    channel.push(b"ab", 0.0)
-    assert channel.poll(0.9 * BYTE) == []
-    assert channel.next_time == pytest.approx(BYTE)
-    assert [data for _, data in channel.poll(1.5 * BYTE)] == [b"a"]
-    assert [data for _, data in channel.poll(10.0)] == [b"b"]
-    assert channel.next_time == math.inf
-
-
 def test_xbee_latency_is_that_of_2010() -> None:
     """Mean 23 ms, standard deviation 9 to 10, spikes to 62."""
     delays = np.array(first_arrivals(XBEE, 8000, 0.2), dtype=float)
@@ -63,12 +46,6 @@ def test_xbee_latency_is_that_of_2010() -> None:
     assert 0.009 <= delays.std() <= 0.010
     assert delays.min() >= 0.013 - 1e-9
     assert 0.058 < delays.max() <= 0.062 + 1e-9
-
-
-def test_loss_comes_in_bursts_of_four() -> None:
-    lost = losses(ChannelConfig(kind=RadioKind.XBEE, loss=0.03, lost_alone=0.0))
-    assert sum(lost) / len(lost) == pytest.approx(0.03, rel=0.35)
-    assert np.mean(burst_lengths(lost)) == pytest.approx(4.0, rel=0.25)
 
 
 def losses(config: ChannelConfig) -> list[bool]:
@@ -92,71 +69,6 @@ def test_packets_are_lost_alone_and_in_bursts_and_both_are_within_the_share(loss
     alone = losses(ChannelConfig(kind=RadioKind.XBEE, loss=loss, lost_alone=1.0))
     assert sum(alone) / len(alone) == pytest.approx(loss, rel=0.15)
     assert np.mean(burst_lengths(alone)) == pytest.approx(1.0 / (1.0 - loss), rel=0.05)
-
-
-def test_packets_behind_a_late_one_arrive_back_to_back() -> None:
-    """Frames sent every 16 ms: the radio's jitter leaves some of them without a pause."""
-    channel = RadioChannel(XBEE, 5)
-    for k in range(2000):
-        channel.push(FRAME, 0.016 * k)
-    times = np.reshape([at for at, _ in drain(channel)], (2000, len(FRAME)))
-    gaps = times[1:, 0] - times[:-1, -1] - BYTE
-    assert np.mean(gaps < 1e-6) == pytest.approx(0.25, abs=0.1)
-
-
-@pytest.mark.parametrize(
-    "sent",
-    [
-        pytest.param([(bytes(118), 0.0)], id="longer than a packet"),
-        pytest.param([(b"ab", 0.0), (b"cd", 4 * BYTE), (b"ef", 10 * BYTE)], id="a pause behind the second"),
-    ],
-)
-def test_two_packets(sent: list[tuple[bytes, float]]) -> None:
-    channel = RadioChannel(XBEE, 1)
-    for data, at in sent:
-        channel.push(data, at)
-    drain(channel)
-    assert channel.packets == 2
-    assert channel.bytes_out == sum(len(data) for data, _ in sent)
-
-
-@pytest.mark.parametrize("timer", [0.001, 0.016])
-def test_usb_timer_delays_by_half_its_length_on_average(timer: float) -> None:
-    channel = RadioChannel(ChannelConfig(usb_timer=timer), 3)
-    waits = []
-    for k in range(3000):
-        sent = k * 0.0333
-        channel.push(b"x", sent)
-        waits.append(drain(channel)[0][0] - sent - BYTE)
-    assert np.mean(waits) == pytest.approx(timer / 2, rel=0.1)
-    assert max(waits) <= timer + 1e-9
-    assert min(waits) >= -1e-9
-
-
-def test_usb_adapter_delivers_full_packets_early() -> None:
-    channel = RadioChannel(ChannelConfig(usb_timer=0.1), 3)
-    channel.push(bytes(200), 0.0)
-    assert [len(data) for _, data in drain(channel)][-1] < 62
-    assert channel.bytes_out == 200
-
-
-def test_a_cut_direction_carries_nothing_and_comes_back() -> None:
-    channel = RadioChannel(ChannelConfig(), 1)
-    channel.is_cut = True
-    channel.push(FRAME, 0.0)
-    assert channel.next_time == math.inf
-    assert channel.bytes_lost == len(FRAME)
-    channel.is_cut = False
-    channel.push(FRAME, 1.0)
-    assert b"".join(data for _, data in drain(channel)) == FRAME
-
-
-def test_drop_outs_cover_their_share_of_the_time() -> None:
-    channel = RadioChannel(ChannelConfig(outages_per_minute=6.0, outage_duration=1.0), 5)
-    for k in range(20000):
-        channel.push(b"x", 0.1 * k)
-    drain(channel)
-    assert channel.bytes_lost / channel.bytes_in == pytest.approx(1.0 / 11.0, rel=0.25)
 
 
 @given(

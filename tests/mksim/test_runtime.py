@@ -11,7 +11,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mksim.boards.line import HOST_CHAR
 from mksim.config import ChannelConfig, PilotPlan, RadioConfig, SimConfig
-from mksim.runtime import PseudoTerminal, Runtime
+from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 from tests.bus.support import PATIENCE, free_endpoint
 
@@ -33,41 +33,6 @@ class Clock:
 
 def quiet(**options):
     return Simulation(SimConfig(pilot_plan=PilotPlan.NOTHING, radio=WIRED, **options))
-
-
-@pytest.fixture
-def terminal():
-    made = PseudoTerminal()
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def host(terminal):
-    descriptor = os.open(terminal.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    yield descriptor
-    os.close(descriptor)
-
-
-def test_every_byte_passes_unchanged_both_ways(terminal, host):
-    every = bytes(range(256))
-    os.write(host, every)
-    assert terminal.read() == every
-    assert terminal.write(every) == 0
-    assert os.read(host, 512) == every
-
-
-def test_it_survives_a_host_that_closes_and_comes_back(terminal):
-    for round_ in range(3):
-        descriptor = os.open(terminal.name, os.O_RDWR | os.O_NOCTTY)
-        os.write(descriptor, bytes([round_]))
-        os.close(descriptor)
-        assert terminal.read() in (bytes([round_]), b"")
-        assert terminal.read() == b""
-
-
-def test_a_host_that_does_not_read_loses_bytes_and_blocks_nobody(terminal, host):
-    assert sum(terminal.write(b"x" * 1000) for _ in range(200)) > 0
 
 
 def test_no_byte_comes_out_before_its_wire_time():
@@ -96,16 +61,6 @@ def test_no_byte_comes_out_before_its_wire_time():
     assert len(seen) == 10
     for number, at in enumerate(seen, 1):
         assert earliest + number * HOST_CHAR <= at <= earliest + number * HOST_CHAR + 0.35e-3
-
-
-def test_a_suspended_machine_skips_the_gap():
-    clock = Clock()
-    runtime = Runtime(quiet(), clock=clock)
-    for passed, now in ((0.1, 0.1), (3600.0, 0.1), (0.1, 0.2)):
-        clock.now += passed
-        runtime._step()
-        assert runtime.simulation.now == pytest.approx(now)
-    runtime._terminal.close()
 
 
 async def ask(reader, writer, request, letter):
@@ -152,18 +107,3 @@ async def test_a_simulation_that_fails_is_noticed_and_named():
         async with runtime.serve(), asyncio.timeout(10):
             runtime.simulation.advance = fail
             await runtime.ended.wait()
-
-
-async def test_at_the_end_a_tcp_client_is_hung_up_on():
-    port = free_port()
-    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
-    async with runtime.serve():
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        assert await ask(reader, writer, ECHO, "Z") is not None
-        serving = runtime._serving
-    async with asyncio.timeout(PATIENCE):
-        while await reader.read(256):
-            continue
-    assert serving.done()
-    assert not serving.cancelled(), "cancelled at the end of the loop it would print a trace"
-    writer.close()

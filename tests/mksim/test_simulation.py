@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from mksim.config import ChannelConfig, PilotPlan, RadioConfig, RadioKind, SimConfig
+from mksim.config import ChannelConfig, PilotPlan, RadioConfig, SimConfig
 from mksim.simulation import Simulation
 
 DIRECT = RadioConfig(to_host=ChannelConfig())
@@ -55,16 +55,6 @@ def test_a_cut_link(direction, answers, arrives):
     assert host.ask(b"\r" + encode_frame(2, "v")) == "V"
 
 
-def test_an_xbee_adds_its_latency_both_ways():
-    xbee = ChannelConfig(kind=RadioKind.XBEE, loss=0.0)
-    host = Host(radio=RadioConfig(to_board=xbee, to_host=xbee), pilot_plan=PilotPlan.NOTHING)
-    host.run(0.5)
-    for _ in range(40):
-        sent = host.simulation.now
-        host.ask(encode_frame(2, "z", b"\x01\x00"), 0.2)
-        assert 0.026 < host.heard[-1][0] - sent < 0.15
-
-
 @pytest.mark.parametrize("plan", [plan for plan in PilotPlan if plan is not PilotPlan.NOTHING])
 def test_every_plan_waits_20_s_unless_told_otherwise(plan):
     """The sticks stay at rest, throttle down, although a machine already asks for control."""
@@ -82,84 +72,3 @@ def test_every_plan_waits_20_s_unless_told_otherwise(plan):
 
     assert moved_at() == pytest.approx(20.1, abs=0.4)
     assert moved_at(pilot_wait=5.0) == pytest.approx(5.1, abs=0.4)
-
-
-def test_the_pilot_begins_when_he_is_asked():
-    host = Host(pilot_plan=PilotPlan.HOVER)
-    host.run(3.0)
-    assert host.simulation.world.pilot.gas == -127
-    host.simulation.start_pilot()
-    host.run(0.2)
-    assert host.simulation.world.pilot.gas == 127, "he calibrates first"
-    Host(pilot_plan=PilotPlan.NOTHING).simulation.start_pilot()
-
-
-def test_the_pilot_says_what_he_waits_for():
-    def doing(plan, seconds):
-        host = Host(pilot_plan=plan, pilot_wait=0.5)
-        said = [host.simulation.pilot_doing]
-        host.run(seconds)
-        return [*said, host.simulation.pilot_doing]
-
-    waits = "waits 0.5 s before he touches the sticks; `mkctl sim start` asks him earlier"
-    started = "has started the motors, throttle at its lowest and waits for a machine: `mkctl take-off`, `fly`"
-    assert doing(PilotPlan.START, 8.0) == [waits, started]
-    assert doing(PilotPlan.SUPERVISE, 14.0)[-1].startswith("hovers by hand and waits for a machine")
-    assert doing(PilotPlan.WAIT, 1.0)[-1] == "waits for a machine to start the motors and take off"
-    assert doing(PilotPlan.HOVER, 14.0)[-1] == "flies by hand"
-    assert doing(PilotPlan.NOTHING, 1.0) == ["leaves his sticks alone (nothing)"] * 2
-
-
-def test_the_pilot_flies_once_more_when_he_is_asked_after_a_landing():
-    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0, calibrated=True)
-    host.run(9.0)
-    host.simulation.start_pilot()
-    host.run(0.1)
-    assert host.simulation.world.truth.airborne, "he flies: nothing begins anew"
-    host.simulation.world.pilot.program.program.land()
-    host.run(15.0)
-    assert host.simulation.pilot_doing == "has stopped the motors"
-    host.simulation.start_pilot()
-    host.run(9.0)
-    assert host.simulation.world.truth.airborne
-
-
-def test_a_reboot_in_flight_ends_it():
-    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
-    host.run(9.0)
-    assert host.simulation.world.truth.airborne
-    host.simulation.world.faults.start("fc_reboot")
-    host.run(0.1)
-    assert not host.simulation.flight.core.running
-    assert not host.simulation.world.faults.is_active("fc_reboot")
-    host.run(4.0)
-    assert host.simulation.world.truth.crashed
-
-
-def test_the_gate_fault_takes_the_sticks_away():
-    host = Host(pilot_plan=PilotPlan.NOTHING, calibrated=True)
-    host.simulation.flight.core.start()
-    control = encode_frame(1, "b", bytes([30, 0, 0, 0, 1, 1, 0]))
-    host.ask(control, 0.1)
-    assert host.simulation.flight.core.controlled
-    host.simulation.world.faults.start("gate_closed")
-    host.ask(control, 0.1)
-    assert not host.simulation.flight.core.controlled
-
-
-def test_nothing_is_armed_and_no_gate_is_open_from_the_factory():
-    host = Host(pilot_plan=PilotPlan.NOTHING, gate_parameter=0)
-    host.run(0.5)
-    core = host.simulation.flight.core
-    assert not core.running
-    assert not core.calibrated
-    assert not core.gate_open
-
-
-def test_the_eeprom_file_outlives_the_simulation(tmp_path):
-    path = tmp_path / "fc.json"
-    host = Host(board="fc", eeprom=path, pilot_plan=PilotPlan.NOTHING)
-    written = host.simulation.flight.eeprom.sets[2]
-    assert host.ask(encode_frame(1, "s", b"\x02" + written), 1.5) == "S"
-    again = Host(board="fc", eeprom=path, pilot_plan=PilotPlan.NOTHING)
-    assert again.simulation.flight.eeprom.active == 2

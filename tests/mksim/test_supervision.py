@@ -6,14 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from mksim.config import FlightConfig, WindClass
 from mksim.physics.hand_flight import HandPhase
-from mksim.physics.world import StartState, StickInput, World
+from mksim.physics.world import StickInput, World
 from mksim.supervision import CEILING_GAS, Supervision
 
-from .physics.steering import GAS_AT_REST, RcBoard
+from .physics.steering import RcBoard
 
 
 class SharedBoard(RcBoard):
@@ -61,17 +60,6 @@ def test_hovers_hands_over_and_takes_back() -> None:
     assert not world.truth.crashed
 
 
-def test_a_machine_that_comes_during_take_off_waits() -> None:
-    world = World(FlightConfig(wind=WindClass.NONE), seed=2)
-    board = SharedBoard(world)
-    wanted = True
-    program = world.pilot.program = Supervision(lambda: wanted)
-    board.run(5.0)
-    assert program.take_overs == 0
-    board.run(9.0)
-    assert program.take_overs == 1
-
-
 def test_a_machine_takes_off_and_lands_and_the_pilot_stops_the_motors() -> None:
     world = World(FlightConfig(wind=WindClass.NONE), seed=2)
     board = SharedBoard(world)
@@ -98,20 +86,3 @@ def test_a_machine_takes_off_and_lands_and_the_pilot_stops_the_motors() -> None:
     board.armed, board.external = True, HOLD
     board.run(0.1)
     assert program.take_overs == 1, "he is done; the next flight is another program"
-
-
-@pytest.mark.parametrize("height", [1.0, 4.0])
-def test_takes_back_at_the_height_it_was_left(height: float) -> None:
-    world = World(FlightConfig(wind=WindClass.NONE), seed=2, start=StartState(height=height))
-    board = SharedBoard(world)
-    board.armed = True
-    board.external = HOLD
-    world.pilot.program = Supervision(lambda: board.external is not None, take_off=False)
-    board.run(2.0)
-    board.external = None
-    while world.now < 2.8:
-        world.step(board.sticks())
-    left_at = world.truth.position_enu[2]
-    board.run(8.0)
-    assert world.truth.position_enu[2] == pytest.approx(left_at, abs=0.8)
-    assert GAS_AT_REST + CEILING_GAS > 1.1 * 125.0

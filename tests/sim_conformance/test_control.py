@@ -70,13 +70,6 @@ def test_sticks_are_added_and_yaw_has_two_signs(word, yaw):
     assert (flown.pitch, flown.roll, flown.yaw) == (40, 10, 5 + yaw)
 
 
-@pytest.mark.parametrize("word", ["2.12a", "2.14"])
-@pytest.mark.parametrize(("pilot", "value", "result"), [(100, 100, 127), (-100, -100, -127), (127, -127, 0)])
-def test_sums_are_clipped(word, pilot, value, result):
-    _, flown = steered(word, {"pitch": value, "roll": value}, pitch=pilot, roll=pilot)
-    assert (flown.pitch, flown.roll) == (result, result)
-
-
 GAS = [
     # law, generation, pilot's gas, value, config, mixed gas on the stick scale
     (GasLaw.STOCK, "2.12a", 20, -50, 0x01, -50),
@@ -194,15 +187,6 @@ def test_gestures_arm_and_stop_through_b_in_flight_too(word):
     assert bench.board.core.flying
     hold(bench, word, 7.0, 1.4, **CORNER, yaw=127)
     assert not bench.board.core.running
-
-
-def test_calibration_gesture_takes_0_7_s():
-    bench = fc_bench(gas_law=GasLaw.FORK, calibrated=False)
-    hold(bench, "2.12a", 2.0, 0.5, gas=127, yaw=127)
-    assert bench.aircraft.calibrations == 0
-    hold(bench, "2.12a", 4.0, 1.0, gas=127, yaw=127)
-    assert bench.aircraft.calibrations == 1
-    assert bench.board.core.calibrated
 
 
 @pytest.mark.parametrize("word", ["early", "2.08"])

@@ -9,11 +9,6 @@ from mksim.boards.labels import FC_LABELS, NC_LABELS
 from tests.sim_conformance.bench import fc_bench, nc_bench
 
 
-def shown(received):
-    """Number in the brackets of the first line."""
-    return int(received.frame.payload[-81:][:21].decode("latin-1").rpartition("[")[2].partition("]")[0])
-
-
 @pytest.mark.parametrize("asked", [*range(20), 20, 255])
 def test_a_page_has_eighty_characters_and_one_too_high_is_empty_and_falls_back(asked):
     frame = fc_bench().ask(encode_frame(1, "l", bytes([asked])), 2.0).frame
@@ -34,24 +29,6 @@ def test_keys_turn_pages():
     assert pages == [0, 1, 2, 1, 0, 19, 19]
 
 
-@pytest.mark.parametrize(("running", "trimmed"), [(False, 2), (True, 0)])
-def test_keys_on_some_pages_change_something_with_motors_off(running, trimmed):
-    bench = fc_bench()
-    if running:
-        bench.board.core.start()
-    bench.ask(encode_frame(1, "l", b"\x05"), 2.0, 0.1)
-    for number in range(2):
-        bench.ask(encode_frame(1, "h", bytes([0xFB, 0])), 2.2 + 0.1 * number, 0.09)
-    assert bench.board.trim == trimmed
-
-
-def test_the_first_page_names_release_and_set():
-    bench = fc_bench("2.08")
-    text = bench.ask(encode_frame(1, "l", b"\x00"), 2.0).frame.payload.decode("latin-1")
-    assert "2.08a" in text
-    assert "Set 3" in text
-
-
 @pytest.mark.parametrize(("bench", "labels"), [(fc_bench, FC_LABELS), (nc_bench, NC_LABELS)])
 def test_labels(bench, labels):
     made = bench()
@@ -63,14 +40,3 @@ def test_labels(bench, labels):
     assert [text.rstrip() for text in got[:32]] == list(labels)
     assert got[32] == got[31]
     assert {len(text) for text in labels} <= set(range(1, 17))
-
-
-@pytest.mark.parametrize("board", ["fc", "nc"])
-def test_the_display_streams_and_follows_the_page(board):
-    bench = fc_bench() if board == "fc" else nc_bench()
-    bench.send(encode_frame(0, "h", b"\xff\x14"), 2.0)
-    bench.send(encode_frame(0, "h", b"\xfd\x14"), 3.0)
-    frames = [received for received in bench.run(4.0) if received.frame.id == "H"]
-    assert {shown(received) for received in frames if received.first < 3.0} == {0}
-    assert {shown(received) for received in frames if received.first > 3.03} == {1}
-    assert len(frames) == pytest.approx(10, abs=1)

@@ -50,12 +50,6 @@ def test_gains_come_from_the_set_in_ram(word, shipped, filtered):
     assert bench.aircraft.gains == AttitudeGains.from_parameters(**shipped, stick_filter=filtered)
 
 
-@pytest.mark.parametrize(("asked", "given"), [(0, 1), (1, 1), (5, 5), (6, 5), (9, 5), (30, 5), (254, 5)])
-def test_index_is_pulled_into_range(asked, given):
-    received = ask(fc_bench(), "q", bytes([asked]))
-    assert received.frame.payload[0] == given
-
-
 @pytest.fixture
 def bench():
     return fc_bench()
@@ -117,13 +111,6 @@ def test_writing_is_refused_with_s_0(bench, index, spoil, running):
     assert (bench.board.eeprom.sets, bench.board.eeprom.active) == (before, 3)
 
 
-def test_f_loads_a_set_and_answers_the_active_one(bench):
-    received = ask(bench, "f", b"\x01")
-    assert (received.frame.id, received.frame.payload[0]) == ("F", 3)
-    assert bench.board.live.raw == bench.board.eeprom.sets[1]
-    assert bench.board.eeprom.active == 3
-
-
 @pytest.mark.parametrize(
     ("word", "letter", "payload", "answer"),
     [  # 2.12a answers the set in use
@@ -165,17 +152,6 @@ def test_motor_test_lasts_half_a_second(bench):
     assert bench.board.motors.setpoints(2.4) == [30] * 16
     bench.run(2.6)
     assert bench.board.motors.setpoints(2.6) is None
-
-
-def test_motor_test_values_wait_while_motors_run(bench):
-    bench.board.core.start()
-    bench.send(encode_frame(1, "t", bytes([30] * 16)), 2.0)
-    bench.run(5.0)
-    bench.board.core.stop()
-    bench.run(5.3)
-    assert bench.board.motors.is_testing, "the frozen half second runs after the motors stopped"
-    bench.run(5.7)
-    assert not bench.board.motors.is_testing
 
 
 @pytest.mark.parametrize(
@@ -240,19 +216,6 @@ def test_p_shows_serial_channels_and_sticks_and_the_gate_where_the_set_maps_them
     assert channels[17:29] == (10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127)
 
 
-def test_eeprom_survives_in_a_file(tmp_path):
-    path = tmp_path / "fc.json"
-    eeprom = Eeprom(106, path)
-    changed = bytearray(eeprom.sets[4])
-    changed[23] = 77
-    eeprom.sets[4], eeprom.active = bytes(changed), 4
-    eeprom.save()
-    again = Eeprom(106, path)
-    assert again.active == 4
-    assert (again.sets, again.mixer, again.motor_configs) == (eeprom.sets, eeprom.mixer, eeprom.motor_configs)
-    assert [file.name for file in tmp_path.iterdir()] == ["fc.json"]
-
-
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -272,8 +235,3 @@ def test_a_damaged_eeprom_file_is_named(tmp_path, spoil, says):
     with pytest.raises(ConfigError, match=says) as caught:
         Eeprom(106, path)
     assert str(path) in str(caught.value)
-
-
-def test_an_eeprom_that_cannot_be_written_is_said_at_the_start(tmp_path):
-    with pytest.raises(ConfigError, match=r"sim\.eeprom .*fc\.json: No such file or directory"):
-        Eeprom(106, tmp_path / "no" / "fc.json")

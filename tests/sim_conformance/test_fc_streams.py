@@ -60,22 +60,6 @@ def test_what_renews(letter, renews):
     assert (last > 9.0) is renews
 
 
-def test_debug_comes_at_once_and_attitude_after_one_interval(bench):
-    free = bench.send(request("d", 50), 1.1)
-    assert bench.run(1.3)[0].first - free < 5e-3
-    free = bench.send(request("c", 30), 2.0)
-    first = next(received.first for received in bench.run(2.6) if received.frame.id == "C")
-    assert first - free == pytest.approx(0.315, abs=0.02)
-
-
-def test_interval_0_stops(bench):
-    bench.send(request("d", 10), 1.1)
-    bench.send(request("d", 0), 2.0)
-    times = [received.first for received in bench.run(4.0) if received.frame.id == "D"]
-    assert len(times) == 9
-    assert max(times) < 2.01
-
-
 def test_fast_debug_starves_confirmations_attitude_and_receiver(bench):
     bench.send(request("c", 5), 1.1)
     bench.send(request("d", 1), 1.2)
@@ -150,17 +134,6 @@ def test_deaf_times_in_which_every_frame_is_lost(make, deaf_time):
         bench.send(encode_frame(1, "v"), 2.05 + 0.03 * number)
     answers = [received.first - began for received in bench.run(5.0) if received.frame.id == "V"]
     assert answers[0] == pytest.approx(deaf_time, abs=0.05)
-
-
-def test_boot_prints_text_and_forgets(bench):
-    bench.send(request("d", 10), 1.1)
-    bench.send(encode_frame(1, "b", V2), 1.5)
-    bench.send(encode_frame(1, "R"), 2.0)
-    bench.run(12.0)
-    assert {drop.reason for drop in bench.dropped} >= {DropReason.TEXT}
-    assert max(received.first for received in bench.received if received.frame.id == "D") < 2.3
-    assert not bench.board.core.calibrated
-    assert bench.board.external.held.frame == 0
 
 
 def test_j_is_deaf_until_power_off(bench):

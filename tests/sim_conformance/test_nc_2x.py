@@ -67,12 +67,6 @@ def test_motor_status_comes_one_motor_a_frame(bench):
     assert len(frames) == pytest.approx(80, abs=3), "4 s at 50 ms: the shared timer ends it too"
 
 
-def test_time():
-    received = bench_2x().ask(encode_frame(2, "t", b"\x01"), 2.0)
-    assert received.frame.id == "T"
-    assert int.from_bytes(received.frame.payload[:2], "little") == 2026
-
-
 @pytest.mark.parametrize("letter", ["k", "t", "b"])
 def test_the_older_board_knows_none_of_it(letter):
     assert nc_bench().ask(encode_frame(2, letter, bytes([1, 0, 0, 0, 9, 1, 0, 0, 0])), 2.0) is None
@@ -113,25 +107,6 @@ def test_an_old_flightctrl_is_named_and_never_steered(fc):
     assert bench.board.flight.companion_error == 1, "its motors do not start"
 
 
-def test_silence_ends_control_through_the_navictrl_too(bench):
-    bench.board.flight.core.start()
-    bench.send(encode_frame(2, "b", bytes([40, 0, 0, 0, 9, 1, 0, 0, 0])), 2.0)
-    for number in range(20):
-        bench.send(encode_frame(2, "v"), 2.1 + 0.2 * number)
-    bench.run(6.0)
-    ended = next(at for at, told in bench.aircraft.sticks if at > 2.2 and told.pitch == 0)
-    assert ended - 2.0 == pytest.approx(2.05, abs=0.1)
-
-
 @pytest.mark.parametrize(("word", "fc", "leak"), [("0.24", "2.12a", LEAK_FAST), ("2.14", "2.14", LEAK_SLOW)])
 def test_a_newer_navictrl_slows_the_leak_of_the_attitude_loop(word, fc, leak):
     assert nc_bench(word, fc=fc).aircraft.gains.ta == leak
-
-
-def test_version_and_attitude_have_the_newer_layouts(bench):
-    version = bench.ask(encode_frame(2, "v"), 2.0)
-    assert version.frame.payload[:3] == bytes([2, 14, 11])
-    bench.aircraft.pilot.pitch = 25
-    bench.run(2.6)
-    attitude = bench.ask(encode_frame(2, "c", b"\x0a"), 3.0)
-    assert attitude.frame.payload[6] == 25

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.protocol.flags import PointType, PositionStatus
-from mkdaemon.protocol.framing import DropReason, FrameDecoder, encode_frame
+from mkdaemon.protocol.framing import FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import SendTarget024, WriteWaypoint024
 from mksim.boards.navictrl_state import ESCAPE
 from tests.sim_conformance.bench import nc_bench
@@ -114,14 +114,6 @@ def test_s_starts_it_when_flying_only():
     assert bench.ids() == "", "s has no reply"
 
 
-@pytest.mark.parametrize("status", [PositionStatus.INVALID, PositionStatus.PROCESSED])
-def test_s_needs_new_data(bench, status):
-    flying(bench)
-    bench.send(point(1, status=status, kind=SendTarget024), bench.board.now)
-    bench.run(bench.board.now + 0.5)
-    assert bench.board.navigator.points.count == 0
-
-
 def test_a_list_that_is_flown_takes_effect_at_once(bench):
     flying(bench)
     for index in (1, 2):
@@ -148,28 +140,11 @@ def test_the_route_holds_and_goes_on(bench):
     )
 
 
-def test_parameters(bench):
-    for at, asked in ((2.0, [1, 0, 0x2C, 0x01]), (2.1, [0, 0, 0, 0])):
-        received = bench.ask(encode_frame(2, "j", bytes(asked)), at, 0.05)
-        assert received.frame.payload == bytes([0, 0x2C, 0x01])
-
-
 def redirected(target=0):
     bench = nc_bench()
     bench.send(encode_frame(2, "u", bytes([target])), 2.0)
     bench.run(2.05)
     return bench
-
-
-def test_redirection_prints_text_and_reaches_the_flightctrl():
-    bench = redirected()
-    assert b"UART" in b"".join(byte for _, byte in bench.raw)
-    for number, letter in enumerate("vnqp"):
-        received = bench.ask(
-            b"\r\r" + encode_frame(1, letter, b"\xff" if letter == "q" else b""), 2.1 + 0.2 * number, 0.15
-        )
-        assert (received.frame.address, received.frame.id) == (1, letter.upper())
-    assert bench.dropped[0].reason is DropReason.TEXT
 
 
 def test_the_navictrl_is_deaf_while_redirected():
@@ -272,14 +247,6 @@ def test_menu_pages(bench, asked, given):
     received = bench.ask(encode_frame(2, "l", bytes([asked])), 2.0)
     assert received.frame.payload[:2] == bytes([given, 15])
     assert f"[{given}]".encode() in received.frame.payload[:22]
-
-
-def test_menu_keys(bench):
-    shown = []
-    for number, keys in enumerate((0xFF, 0xFD, 0xFD, 0xFE, 0xFC, 0xFE)):
-        received = bench.ask(encode_frame(2, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.08)
-        shown.append(received.frame.payload[:20].decode().rpartition("[")[2].rstrip("]"))
-    assert shown == ["0", "1", "2", "1", "0", "15"]
 
 
 def test_the_obsolete_display_format_is_refused_once(bench):

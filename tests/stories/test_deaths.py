@@ -1,4 +1,4 @@
-"""Clients that die while they fly, on every dead-man generation, with the active release and without."""
+"""Clients that die while they fly, with the active release and without."""
 
 from __future__ import annotations
 
@@ -22,16 +22,11 @@ WATCHED = RELEASE_TIME + 0.4
 fly_session = partial(campaign.fly_session, tick=ADAPTER_TIME, watched=WATCHED)
 
 
-@pytest.mark.parametrize(("fc", "ways"), [("early", SOME), ("2.08", SOME), ("2.12a", WAYS)])
+@pytest.mark.parametrize(("fc", "ways"), [("2.08", SOME), ("2.12a", WAYS)])
 def test_whatever_a_client_dies_of_the_aircraft_is_level_and_let_go_of(fc, ways):
     losses = fly_session(Boards(fc), seed=7, deaths=len(ways), ways=ways)
     assert {loss["death"] for loss in losses} == set(ways)
     assert not any(loss["is_wrong"] or loss["neutral"] is None for loss in losses), losses
-
-
-def test_behind_a_navictrl_too():
-    losses = fly_session(Boards("2.14", "2.14"), seed=3, deaths=2, ways=(Death.MID_FRAME, Death.TOKEN))
-    assert not any(loss["is_wrong"] for loss in losses), losses
 
 
 class SilentRelease(Link):
@@ -41,16 +36,9 @@ class SilentRelease(Link):
         return ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason)
 
 
-@pytest.mark.parametrize(("fc", "way"), [("early", Death.KILLED), ("2.08", Death.FROZEN)])
-def test_without_the_active_release_the_old_generations_obey_a_dead_client_for_ever(fc, way):
+def test_without_the_active_release_an_old_generation_obeys_a_dead_client_for_ever():
     """The trap of docs/safety.md: polling goes on, and each request keeps the last command alive."""
-    [loss] = fly_session(Boards(fc), seed=1, deaths=1, link_class=SilentRelease, watched=5.5, ways=(way,))
+    ways = (Death.FROZEN,)
+    [loss] = fly_session(Boards("2.08"), seed=1, deaths=1, link_class=SilentRelease, watched=5.5, ways=ways)
     assert loss["is_wrong"]
     assert loss["released"] is None, "the control should still be held"
-    if way is Death.KILLED:
-        assert loss["neutral"] is None, "the tilt of the dead client should still be held"
-
-
-def test_the_same_seed_dies_the_same_deaths_however_many_follow():
-    short, longer = (fly_session(Boards("2.12a"), seed=5, deaths=deaths) for deaths in (1, 2))
-    assert short == longer[:1]

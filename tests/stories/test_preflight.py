@@ -67,7 +67,3 @@ def test_a_gate_that_also_switches_height_control_is_refused(changes, token):
     parameters = ParameterSet(factory_set(100, 3)).replaced({"external_control": 255, **changes})
 
     assert lease_refusal(parameters) == token
-
-
-def test_silence_refuses_nothing():
-    assert taken(Boards("2.12a"), 255, silent=True) is None

@@ -1,20 +1,14 @@
 from __future__ import annotations
 
-import asyncio
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 pytest.importorskip("evdev", reason="evdev is not installed: pip install 'mkdaemon[teleop]'")
 
 from lab.rigs.pipedpad import PipedPad
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl.teleop import evdevpad
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
-from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, load_evdev
+from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.client.teleop.inputs import AxisRange
-from mkdaemon.errors import MkError
 
 # The events are the kernel's structs, read by evdev itself; state and capabilities come from the rig.
 
@@ -65,48 +59,3 @@ async def test_unplugged_pad_is_lost_when_asked(is_noticed: bool) -> None:
     with pytest.raises(DeviceLostError, match="was unplugged"):
         pad.ask(1.0)
     pad.close()
-
-
-def test_without_the_library_the_refusal_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = evdevpad.importlib.import_module
-
-    def missing(name: str, *rest: Any) -> Any:
-        if name == "evdev":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(evdevpad.importlib, "import_module", missing)
-    with pytest.raises(MkError, match=r"pip install 'mkdaemon\[teleop\]'.*--keyboard"):
-        load_evdev()
-
-
-@pytest.mark.skipif(not Path("/dev/uinput").exists(), reason="no /dev/uinput: no input device can be made")
-async def test_real_device_made_by_uinput_is_found_read_and_lost() -> None:
-    import evdev
-    from evdev import AbsInfo, ecodes
-
-    span = AbsInfo(0, -32768, 32767, 0, 0, 0)
-    made = evdev.UInput(
-        {ecodes.EV_ABS: [(ecodes.ABS_X, span), (ecodes.ABS_Y, span)], ecodes.EV_KEY: [ecodes.BTN_SOUTH, ecodes.BTN_TL]},
-        name="mkdaemon test pad",
-    )
-    reports = Reports()
-    await wait_until(lambda: bool(made.device and made.device.path in evdevpad.new_paths(())))
-    pad = evdevpad.open_pad(made.device.path, reports.report)
-    assert pad is not None
-    made.write(ecodes.EV_ABS, ecodes.ABS_X, 500)
-    made.syn()
-    await wait_until(lambda: ("ABS_X", 500) in reports)
-    made.close()
-    await wait_until(lambda: ("", 0.0) in reports)
-    with pytest.raises(DeviceLostError):
-        pad.ask(asyncio.get_running_loop().time())
-    pad.close()
-
-
-def test_evdev_is_not_imported_with_the_command() -> None:
-    import subprocess
-    import sys
-
-    code = "import sys, mkdaemon.cli.mkctl.teleop.command; sys.exit('evdev' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -44,13 +44,6 @@ def sample(message: Joy) -> Sample:
     return Sample("joy/far", read_payload(encoding, encode(message)), encoding)
 
 
-def test_message_carries_shares_of_the_way_and_buttons() -> None:
-    message = joy(1, ABS_X=32767, ABS_Z=255, BTN_TL=1)
-    values = dict(zip(message.axis_names, message.axes, strict=True))
-    assert (values["ABS_X"], values["ABS_Z"]) == (1.0, 1.0)
-    assert dict(zip(message.button_names, message.buttons, strict=True))["BTN_TL"] == 1
-
-
 def test_proof_survives_the_bus_and_names_the_pad_and_the_secret() -> None:
     arrived = sample(joy(1, ABS_X=123).signed(SECRET, "far")).value
     assert arrived.is_by(SECRET, "far")
@@ -122,11 +115,6 @@ def test_unknown_pad_is_told_of_with_the_advice(tmp_path: Path, monkeypatch: pyt
         return session.notice
 
     assert "mkctl teleop --learn" in run_virtually(main())
-
-
-def test_mapping_that_is_given_is_that_of_every_pad_with_the_mode_of_the_command_line() -> None:
-    assert Mappings(gamepad(mode=2), 3).of("0000:0000", "pad").mode == 3
-    assert Mappings(gamepad(mode=2), None).of("1234:5678", "odd").mode == 2
 
 
 def test_mapping_of_this_machine_goes_before_that_of_mkdaemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,17 +71,6 @@ async def test_terminal_that_never_answers_is_refused(screen: PseudoTerminal) ->
         keyboard.close()
 
 
-@pytest.mark.parametrize("key", [b"q", b"\x04"])
-async def test_quit_keys_end_the_program(screen: PseudoTerminal, key: bytes) -> None:
-    ended = asyncio.Event()
-    with raw_terminal(screen.near):
-        keyboard = keyboard_of(screen, ended.set)
-        screen.type(key)
-        async with asyncio.timeout(5):
-            await ended.wait()
-        keyboard.close()
-
-
 def test_terminal_is_as_before_also_after_a_failure(screen: PseudoTerminal) -> None:
     before = termios.tcgetattr(screen.near)
     with pytest.raises(RuntimeError), raw_terminal(screen.near):
@@ -105,12 +94,3 @@ async def test_terminal_that_was_closed_or_hung_up_is_lost(
         await wait_until(lambda: not keyboard._is_open)
         with pytest.raises(DeviceLostError, match="was closed"):
             keyboard.ask(asyncio.get_running_loop().time())
-
-
-async def test_terminal_that_takes_no_question_is_lost(screen: PseudoTerminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(screen.screen, "write", hung_up)
-    with raw_terminal(screen.near):
-        keyboard = keyboard_of(screen)
-        with pytest.raises(DeviceLostError, match="terminal is gone"):
-            keyboard.ask(asyncio.get_running_loop().time() + 0.1)
-        keyboard.close()

@@ -14,7 +14,7 @@ from lab.rigs.handpad import HandKeyboard, HandPad
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator
 from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, screen_lines
-from mkdaemon.cli.mkctl.teleop.session import PERIOD, TeleopSession
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
 from mkdaemon.client import LastValue
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -23,8 +23,6 @@ from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 from tests.reading.knownflight import KNOWN
 from tests.values import made
-
-HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 
 
 def fly(daemon: FakeDaemon, story: Callable[[TeleopSession, HandPad], Awaitable[None]]) -> TeleopSession:
@@ -45,17 +43,6 @@ def fly(daemon: FakeDaemon, story: Callable[[TeleopSession, HandPad], Awaitable[
         return session
 
     return run_virtually(main())
-
-
-async def nothing(session: TeleopSession, pad: HandPad) -> None:
-    await asyncio.sleep(1.0)
-
-
-def test_enable_button_takes_the_lease_and_the_end_gives_it_back() -> None:
-    daemon = FakeDaemon()
-    fly(daemon, nothing)
-    assert (daemon.taken, daemon.given_back) == (1, 1)
-    assert len(daemon.lease.streamed) == pytest.approx(1.1 / PERIOD, abs=3)
 
 
 def test_change_is_streamed_at_once_and_not_at_the_next_period() -> None:
@@ -99,13 +86,6 @@ def test_lost_lease_ends_the_flight_until_the_enable_button_is_pressed_anew() ->
     fly(daemon, story)
 
 
-def test_refused_lease_is_told_and_not_asked_for_again() -> None:
-    daemon = FakeDaemon(HELD)
-    session = fly(daemon, nothing)
-    assert "lease_held" in session.notice
-    assert daemon.taken == 0
-
-
 def test_refused_setpoint_is_told() -> None:
     daemon = FakeDaemon()
 
@@ -126,28 +106,6 @@ def test_alarm_shakes_every_pad_and_reports_and_loss_of_an_unknown_device_change
         assert pad.alarms == 1
 
     assert fly(FakeDaemon(), story).notice == "the link is down"
-
-
-def test_released_keyboard_has_its_enable_button_off() -> None:
-    daemon = FakeDaemon()
-
-    async def main() -> None:
-        session, stop = daemon.session(), asyncio.Event()
-        running = asyncio.create_task(session.run(stop))
-        keyboard = HandKeyboard(session)
-        keyboard.plug_in()
-        await asyncio.sleep(0.05)
-        keyboard.type("e")
-        await asyncio.sleep(0.1)
-        assert daemon.lease.streamed
-        keyboard.type(" ")
-        await asyncio.sleep(0.1)
-        assert not keyboard.keys.is_enabled
-        assert daemon.given_back == 1
-        stop.set()
-        await running
-
-    run_virtually(main())
 
 
 Streamed = list[tuple[str, dict[str, Any]]]
@@ -329,27 +287,6 @@ def test_screen_fits_80_columns_and_24_lines_of_plain_letters(keyboard: bool, st
     assert "".join(lines).isascii()
 
 
-def test_screen_says_who_holds_the_lease_what_is_sent_and_what_is_wrong() -> None:
-    text = "\n".join(show())
-    for words in (
-        "flies",
-        "LIMITED",
-        "LOW, 11.8 V",
-        "on the ground",
-        "up: both",
-        "sent  -30",
-        "answered",
-        "BATTERY LOW",
-    ):
-        assert words in text
-
-
-def test_screen_shows_what_would_be_sent_and_why_nothing_is() -> None:
-    text = "\n".join(show(fly=False))
-    assert "hold BTN_TL" in text
-    assert "+30" in text
-
-
 def test_screen_says_what_the_daemon_waits_for() -> None:
     async def main() -> str:
         daemon = FakeDaemon()
@@ -372,12 +309,6 @@ def test_screen_says_what_the_daemon_waits_for() -> None:
     text = run_virtually(main())
     assert "the lease is requested" in text
     assert "waiting for neutral sticks" in text
-
-
-def test_screen_without_a_daemon_has_no_numbers() -> None:
-    text = "\n".join(show(status=None))
-    assert "NOTHING FROM THE DAEMON" in text
-    assert text.count("not known") >= 5
 
 
 @pytest.mark.parametrize(
@@ -409,17 +340,3 @@ def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:
     assert alarms[0] == "the link is mute: no byte"
     assert "has been silent" in alarms[1]
     assert len(alarms) == 2
-
-
-def test_ground_is_known_only_while_somebody_says_so() -> None:
-    async def main() -> None:
-        watcher = Watcher()
-        assert watcher.is_on_ground is None
-        watcher.take("state/flight", value_of("state/flight", is_flying=True))
-        assert watcher.is_on_ground is False
-        watcher.take("state/flight", value_of("state/flight", is_flying=None))
-        assert watcher.is_on_ground is None
-        watcher.take("state/flight", value_of("state/flight", is_flying=False), 3.5)
-        assert watcher.is_on_ground is None
-
-    run_virtually(main())

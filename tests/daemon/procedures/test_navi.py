@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from contextlib import asynccontextmanager
 
 import msgpack
@@ -14,15 +13,12 @@ from mkdaemon.bus.codec import encode_map, encoding_of
 from mkdaemon.client import Answer, Vehicle
 from mkdaemon.client.navi import NAVI
 from mkdaemon.client.samples import Sample
-from mkdaemon.daemon.procedures.table import PROCEDURES
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
-from mkdaemon.frames import enu_from_geodetic, geodetic_from_enu
-from mkdaemon.telemetry.mission import Mission, MissionPoint
-from mkdaemon.telemetry.navi import ControlNavi, NaviGotoRequest, NaviStage
-from mkdaemon.telemetry.state import Position
+from mkdaemon.frames import geodetic_from_enu
+from mkdaemon.telemetry.mission import MissionPoint
+from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mksim.config import FlightConfig, PilotPlan, SensorConfig, SimConfig, WindClass
 from mksim.simulation import Simulation
-from tests.control.events import STAMP
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 
 AIRBORNE = 13.0
@@ -153,41 +149,3 @@ async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_sw
         assert await flown.newest(0.8) is NaviStage.NO_POSITION
         unfit = await flown.rig.ask("navi_goto", position=(1.0, 0.0, 2.0), confirm=True)
         assert (unfit.token, bool(unfit.fix)) == ("position_poor", True)
-
-
-@virtually
-async def test_a_newer_navictrl_flies_a_route_to_its_last_point_and_then_home(tmp_path):
-    async with in_flight(tmp_path, "2.14") as flown:
-        mission = Mission(points=(flown.place(5.0, 0.0), flown.place(5.0, 4.0)))
-        report = await flown.uav.navi.route(mission, on_stage=flown.seen)
-        assert (report.waypoint, report.waypoints, report.is_route_done) == (2, 2, True)
-        assert flown.truth.position_enu[:2] == pytest.approx([5.0, 4.0], abs=2.5)
-        home = await flown.uav.navi.home(on_stage=flown.seen)
-        assert home.is_home
-        assert flown.stages[-1] is NaviStage.HOME
-
-
-@virtually
-async def test_on_the_ground_and_unconfirmed_nothing_is_sent(tmp_path):
-    async with in_flight(tmp_path, seconds=2.0) as flown:
-        ground = await flown.rig.ask("navi_goto", position=(10.0, 0.0, 2.0), confirm=True)
-        assert (ground.token, bool(ground.fix)) == ("route_on_ground", True)
-        unconfirmed = await flown.rig.ask("navi_goto", position=(10.0, 0.0, 2.0))
-        assert unconfirmed.token == "not_confirmed"
-        assert not any(data[2:3] == b"w" for _, data in flown.rig.socket.wire)
-
-
-HOME = (53.0, 8.0)
-
-
-def test_the_place_is_so_far_from_home():
-    known = Position(
-        stamp=STAMP, source="nc/osd", latitude_deg=53.0001, longitude_deg=8.0, altitude=None, altitude_above_start=3.0,
-        home_latitude_deg=HOME[0], home_longitude_deg=HOME[1], home_distance=11.0, position_enu=None,
-    )  # fmt: skip
-    request = NaviGotoRequest(position=(30.0, -20.0, 5.0), confirm=True, heading_deg=90, hold=20, radius=4)
-    point = PROCEDURES["navi_goto"].prepare(request, known)
-    place = (math.radians(point.latitude_deg), math.radians(point.longitude_deg), point.altitude)
-    home = (math.radians(HOME[0]), math.radians(HOME[1]), 0.0)
-    assert enu_from_geodetic(*place, home) == pytest.approx((30.0, -20.0, 5.0), abs=0.02)
-    assert (point.heading_deg, point.hold, point.radius) == (90, 20, 4)

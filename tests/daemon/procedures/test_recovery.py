@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import random
-import threading
 from contextlib import asynccontextmanager
 from types import SimpleNamespace
 
@@ -22,7 +21,6 @@ from mkdaemon.daemon.procedures.recovery import RETRIES, Recovery
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.procedures.live_set import Recovered
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.control import Phase
 from tests.control.admission.situations import GOOD
 from tests.control.events import link_state
 from tests.daemon.procedures.procedure_rig import Bus, plug_in, procedure_rig
@@ -61,26 +59,6 @@ async def interrupted(folder):
 def changed_sets(socket, slots, rng):
     sets = socket.aircraft.flight.eeprom.sets
     return [{"slot": slot, "raw": sets[slot][:20] + rng.randbytes(6) + sets[slot][26:]} for slot in slots]
-
-
-@pytest.mark.parametrize(("make", "verb", "seed"), [(navi_ctrl, "backup", 1), (flight_ctrl, "restore", 2)])
-@virtually
-async def test_a_kill_during_a_backup_or_restore_leaves_what_was_live(make, verb, seed, tmp_path):
-    """On whole boards and a whole link, at a moment; `test_every_moment` knows them all."""
-    rng = random.Random(seed)
-    socket = plug_in(make(), seed)
-    flight = socket.aircraft.flight
-    live, sets, active = flight.live.raw, dict(flight.eeprom.sets), flight.eeprom.active
-    if verb == "backup":
-        await kill_during(socket, tmp_path, "settings_backup", rng.uniform(0, 2))
-    else:
-        wanted = changed_sets(socket, (1, 4), rng)
-        await kill_during(socket, tmp_path, "settings_restore", rng.uniform(0, 12), sets=wanted, confirm=True)
-    await restart(socket, tmp_path)
-    assert (flight.live.raw, flight.eeprom.active) == (live, active)
-    kept = (2, 3, 5) if verb == "restore" else (1, 2, 3, 4, 5)
-    assert {slot: flight.eeprom.sets[slot] for slot in kept} == {slot: sets[slot] for slot in kept}
-    assert list(tmp_path.iterdir()) == []
 
 
 @virtually
@@ -181,16 +159,6 @@ async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
 
 
 @virtually
-async def test_a_list_note_that_cannot_be_read_warns_all_the_same(tmp_path):
-    (tmp_path / "waypoint-list.json").write_text("{")
-    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
-        await rig.until_ready()
-        assert any(
-            "an upload was cut off and the NaviCtrl's list may be incomplete" in text for text in rig.bus.texts()
-        )
-
-
-@virtually
 async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
     async with interrupted(tmp_path) as rig:
 
@@ -205,17 +173,6 @@ async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
         assert (note.is_owed, note.detail) == (True, "the release is not known.")
         await rig.until(lambda: rig.interlock.owed is None)
         assert asyncio.get_running_loop().time() - asked < RETRIES[0] / 2
-
-
-@virtually
-async def test_flying_keeps_a_recovery_away(tmp_path):
-    async with interrupted(tmp_path) as rig:
-        rig.phase = Phase.FLYING  # it took the lease before the note was known to belong to this aircraft
-        await rig.until_ready()
-        await asyncio.sleep(3.0)
-        assert rig.steps() == []
-        rig.phase = Phase.FREE
-        await rig.until(lambda: rig.interlock.owed is None)
 
 
 @pytest.mark.parametrize("when", ["before", "during"])
@@ -243,65 +200,6 @@ NOTE = Note(
     live=b"\x6a\x01",
     writing={},
 )
-
-
-class SlowJournal(Journal):
-    """Its disk writes when it is allowed to."""
-
-    allowed = threading.Event()
-
-    def write(self, note):
-        self.allowed.wait(30)
-        super().write(note)
-
-
-async def test_a_note_whose_writing_was_not_waited_for_is_gone_when_it_was_dropped(tmp_path):
-    journal = SlowJournal(tmp_path)
-    keeping = asyncio.create_task(journal.keep(NOTE))
-    await asyncio.sleep(0)
-    keeping.cancel()
-    dropping = asyncio.create_task(journal.drop(NOTE.id))
-    await asyncio.sleep(0)
-    journal.allowed.set()
-    await dropping
-    assert list(tmp_path.iterdir()) == []
-
-
-async def test_a_note_is_read_as_it_was_kept_and_dropped_twice(tmp_path):
-    journal = Journal(tmp_path / "new")
-    assert journal.read() == ([], [])
-    await journal.keep(NOTE)
-    assert journal.read() == ([NOTE], [])
-    await journal.drop(NOTE.id)
-    await journal.drop(NOTE.id)
-    assert journal.read() == ([], [])
-
-
-@pytest.mark.parametrize("change", ["keep", "drop"])
-async def test_a_folder_that_cannot_be_changed_is_named(tmp_path, change, monkeypatch):
-    journal = Journal(tmp_path)
-    await journal.keep(NOTE)
-
-    def refuse(*_, **__):
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr("mkdaemon.daemon.procedures.journal.write_whole", refuse)
-    monkeypatch.setattr("pathlib.Path.unlink", refuse)
-    with pytest.raises(CommandRejectedError, match=f"journal_unwritable.*{tmp_path}: Read-only file system"):
-        await (journal.keep(NOTE) if change == "keep" else journal.drop(NOTE.id))
-
-
-def test_a_note_of_another_form_and_a_folder_that_cannot_be_read_are_no_notes(tmp_path, monkeypatch):
-    path = tmp_path / "live-set-1.json"
-    path.write_text(NOTE.model_dump_json().replace('"version":1', '"version":2'))
-    (tmp_path / "guard.json").write_text("{}")
-    assert Journal(tmp_path).read() == ([], [path])
-
-    def refuse(folder):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("pathlib.Path.iterdir", refuse)
-    assert Journal(tmp_path).read() == ([], [tmp_path])
 
 
 def test_the_folder_of_what_survives_a_restart(monkeypatch, tmp_path):
@@ -350,27 +248,6 @@ def test_attempts_that_fail_come_ever_more_seldom_and_the_same_reason_is_told_on
     assert [text for text in ground.bus.texts() if "the board fell silent" in text] == [
         "parameter set 3 was live when settings_backup of tester was cut off: the board fell silent"
     ]
-
-
-def test_without_telemetry_about_the_motors_no_attempt_is_made_and_the_refusal_says_why(ground):
-    assert ground.recovery.next_note(100.0) is None
-    with (
-        pytest.raises(CommandRejectedError, match="or their state is unknown"),
-        ground.interlock.taking_lease(),
-    ):
-        pass
-    assert ground.next_note(100.0) is NOTE
-
-
-def test_an_aircraft_with_other_sets_is_set_aside_until_the_port_is_opened_again(ground):
-    ground.next_note(100.0)
-    ground.recovery.attempt_ended(NOTE, Recovered.OTHER_AIRCRAFT)
-    assert ground.interlock.owed is None
-    assert ground.next_note(101.0) is None
-    [owed] = ground.recovery.list_notes()
-    assert (owed.is_owed, "another aircraft" in owed.detail) == (False, True)
-    ground.facts.link_changed(link_state(openings=2))
-    assert ground.next_note(102.0) is NOTE
 
 
 def test_a_verdict_about_an_aircraft_that_has_gone_meanwhile_sets_no_note_aside(ground):

@@ -1,4 +1,4 @@
-"""The pilot flies every generation of the boards over the physics: gestures, gas law, parameter set, faults."""
+"""The pilot flies every generation of the boards over the physics: gestures, gas law, parameter set."""
 
 from __future__ import annotations
 
@@ -37,13 +37,3 @@ def test_circle_is_flown_on_every_generation(word: str) -> None:
     board.advance(39.0)
     assert (program.phase, board.core.running) == (HandPhase.DONE, False)
     assert (world.truth.on_ground, world.truth.crashed) == (True, False)
-
-
-def test_lost_receiver_ends_in_emergency_gas_and_on_the_ground() -> None:
-    """Emergency gas is far below hover: from two metres the aircraft comes down hard."""
-    world, board = airborne("2.12a")
-    world.faults.start("rc_lost")
-    board.advance(18.5)
-    assert board.core.emergency
-    board.advance(32.0)
-    assert (world.truth.on_ground, board.core.running) == (True, False)

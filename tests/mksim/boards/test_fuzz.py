@@ -5,8 +5,6 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.navictrl_state import ESCAPE
@@ -54,14 +52,3 @@ def test_any_frame_to_a_navictrl(word, fc):
     bench.send(b"\r" + encode_frame(2, "v"), at + 5.0)
     bench.run(at + 6.0)
     assert "V" in bench.ids(bench.received[before:])
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.lists(st.binary(min_size=1, max_size=300), max_size=6))
-def test_any_bytes_to_both_boards(chunks):
-    for bench, address in ((fc_bench(), 1), (nc_bench(), 2)):
-        for number, chunk in enumerate(chunks):
-            bench.send(chunk, 1.1 + 0.1 * number)
-        bench.run(3.0)
-        received = bench.ask(b"\r\r" + encode_frame(address, "v"), 10.0)
-        assert received is not None

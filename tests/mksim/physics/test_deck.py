@@ -29,13 +29,6 @@ def landed(ground, seconds: float, **start: float) -> Truth:
     return world.truth
 
 
-def test_only_the_deck_is_high_and_moves() -> None:
-    deck = MovingDeck(straight, radius=0.6)
-    assert deck.at(1.0, 0.0, 2.0) == pytest.approx((0.4, 0.5, 0.0, 0.0))
-    assert deck.at(1.7, 0.0, 2.0) == (0.0, 0.0, 0.0, 0.0)
-    assert deck.at(1.605, 0.0, 2.0 + 5 * DT)[0] == pytest.approx(0.4), "it moves between its samples"
-
-
 def test_an_aircraft_on_the_deck_rides_along_and_one_beside_it_stays() -> None:
     truth = landed(MovingDeck(straight, radius=0.6), 6.0)
     assert truth.position_enu == pytest.approx([3.0, 0.0, 0.5], abs=0.05)

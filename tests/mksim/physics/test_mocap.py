@@ -33,11 +33,6 @@ def test_it_measures_the_truth_with_its_noise_and_loses_the_body_now_and_then():
     assert {(one.latency, one.stated) for one in seen} == {(LATENCY, LATENCY)}
 
 
-def test_the_same_seed_measures_the_same():
-    first, second = (next(one for one in measured(count=10) if one is not None) for _ in range(2))
-    assert first.position.tolist() == second.position.tolist()
-
-
 def test_every_fault_can_be_asked_for_by_its_name():
     assert set(MOCAP_KINDS) == set(FAULTS)
 

@@ -1,4 +1,4 @@
-"""Transmitter, script, eyes and reaction of the simulated pilot."""
+"""Transmitter, eyes and reaction of the simulated pilot."""
 
 from __future__ import annotations
 
@@ -24,34 +24,6 @@ def world_of(*, height: float = 0.0, watches: bool = False, gate: int = 255) -> 
 def run(world: World, seconds: float, sticks: StickInput = HOVER) -> None:
     for _ in range(round(seconds / DT)):
         world.step(sticks)
-
-
-def test_begins_with_gas_down_and_the_gate_as_configured() -> None:
-    pilot = world_of(gate=90).pilot
-    assert (pilot.pitch, pilot.roll, pilot.yaw, pilot.gas) == (0, 0, 0, -127)
-    assert pilot.gate == 90
-    assert pilot.rc_quality == GOOD_RC
-
-
-@pytest.mark.parametrize(("asked", "kept"), [(12.4, 12), (500.0, 127), (-500.0, -127)])
-def test_sticks_are_whole_and_end(asked: float, kept: int) -> None:
-    pilot = world_of().pilot
-    pilot.set_sticks(pitch=asked, roll=asked, yaw=asked, gas=asked)
-    assert (pilot.pitch, pilot.roll, pilot.yaw, pilot.gas) == (kept, kept, kept, kept)
-    pilot.set_sticks()
-    assert (pilot.pitch, pilot.roll, pilot.yaw, pilot.gas) == (0, 0, 0, kept)
-
-
-def test_script_runs_in_time_order() -> None:
-    world, seen = world_of(height=5.0), []
-    world.pilot.at(0.5, lambda p: seen.append((0.5, world.now)))
-    world.pilot.at(0.2, lambda p: p.set_sticks(pitch=20.0))
-    world.pilot.at(0.2, lambda p: seen.append((0.2, world.now)))
-    run(world, 0.4)
-    assert ([due for due, _ in seen], world.pilot.pitch) == ([0.2], 20)
-    run(world, 0.4)
-    assert [due for due, _ in seen] == [0.2, 0.5]
-    assert all(0.0 <= when - due <= RC_PERIOD + DT for due, when in seen)
 
 
 def test_takes_over_after_his_reaction() -> None:
@@ -106,10 +78,3 @@ def test_faults_reach_the_transmitter() -> None:
         if len(shown) == 2:
             world.faults.stop("rc_lost")
     assert shown == [(0, 0), (0, 255), (GOOD_RC, 255)]
-
-
-def test_gate_is_a_byte() -> None:
-    pilot = world_of().pilot
-    for asked, kept in ((300, 255), (-5, 0), (130, 130)):
-        pilot.gate = asked
-        assert pilot.gate == kept

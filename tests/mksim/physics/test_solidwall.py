@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
 from mksim.config import FlightConfig, SensorConfig, WallConfig, WindClass
 from mksim.physics.solidwall import PROPELLER_RADIUS
@@ -43,14 +42,3 @@ def test_over_it_beside_it_and_below_one_that_hangs_is_free(height, north, wall)
     world, farthest = flown(height, 2.0, (wall,), north)
     assert not world.truth.crashed
     assert farthest > 2.0
-
-
-def test_without_contact_a_wall_changes_nothing():
-    far = WallConfig(start=(9.0, -1.0), end=(9.0, 1.0))
-    first, second = (flown(1.0, 1.5, walls=walls)[0] for walls in ((), (far,)))
-    assert first.truth.position_enu.tolist() == second.truth.position_enu.tolist()
-
-
-def test_a_wall_has_a_length():
-    with pytest.raises(ValidationError, match="m long"):
-        WallConfig(start=(1.0, 1.0), end=(1.0, 1.0))

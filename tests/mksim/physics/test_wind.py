@@ -34,19 +34,6 @@ def test_mean_and_turbulence(kind: WindClass) -> None:
     assert rows[:, 2].std() == pytest.approx(0.5 * figure.sd, rel=0.15)
 
 
-def test_turbulence_forgets_in_three_seconds() -> None:
-    east = blow(WindClass.MODERATE, 2000.0)[:, 0]
-    east = east - east.mean()
-    lag = round(CORRELATION_TIME / PERIOD)
-    assert float((east[lag:] * east[:-lag]).mean() / east.var()) == pytest.approx(math.exp(-1.0), abs=0.1)
-
-
-def test_direction_is_drawn_once_per_seed() -> None:
-    first, again, other = (blow(WindClass.LIGHT, 20.0, seed=s, from_deg=None).mean(axis=0) for s in (1, 1, 2))
-    assert first.tolist() == again.tolist()
-    assert first.tolist() != other.tolist()
-
-
 def test_a_gust_rises_and_goes_and_can_be_stopped() -> None:
     wind = Wind(WindClass.NONE, rng=random.Random(1), period=PERIOD)
     wind.start_gust(1.0, speed=4.0, from_deg=270.0, duration=2.0)

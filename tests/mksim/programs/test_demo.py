@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import json
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from rich.console import Console
 
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
-from mksim.programs import demo
-from mksim.programs.flightrecord import write_picture
 from tests.mksim.programs.test_rehearsal import flight
 from tests.view.report.known import write_known
 
@@ -49,36 +43,3 @@ def test_anything_else_is_a_failure_that_says_why(flown, tmp_path, capsys):
     flown["record"] = flight(outcome="no image of pad for 3.0 s")
     assert run(app, ["demo", "--fast", "--picture", str(tmp_path / "a.svg")]) == 1
     assert "NOT landed: no image of pad for 3.0 s" in capsys.readouterr().out
-
-
-def test_figures_as_json_name_the_picture(flown, tmp_path, capsys):
-    picture = tmp_path / "a.svg"
-    assert run(app, ["demo", "--fast", "--json", "--picture", str(picture)]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["landed"] is True
-    assert figures["picture"] == str(picture)
-    assert figures["recording"] == str(picture.with_suffix(".mcap"))
-    assert figures["report"] == str(picture.with_suffix(".html"))
-
-
-def test_the_live_table_fits_80_columns():
-    record = flight()
-    console = Console(width=80, record=True, force_terminal=True)
-    with console.capture() as shown:
-        console.print(demo.flight_table(record.moments[0], None))
-    assert max(len(line) for line in shown.get().splitlines()) <= 100  # with the codes of the terminal
-    assert all(len(demo.flight_line(moment)) <= 80 for moment in record.moments)
-
-
-def test_a_flight_that_never_began_has_a_picture_too(tmp_path):
-    record = flight()
-    record.moments = record.moments[:1]
-    write_picture(record, tmp_path / "a.svg")
-    assert (tmp_path / "a.svg").read_text().startswith("<svg")
-
-
-def test_what_a_report_needs_is_told_with_its_extra():
-    page = io.StringIO()
-    reason = 'a report needs plotly: pip install "mkdaemon[report]"'
-    demo.print_files(Console(file=page, width=200), Path("demo.svg"), Path("demo.mcap"), None, reason)
-    assert page.getvalue().splitlines()[-1] == f"no report: {reason}"

@@ -15,14 +15,10 @@ import pytest
 import zenoh
 
 from lab.places import ROOT
-from lab.rigs.programs import run_mkdaemon
 from lab.rigs.waiting import wait_until
-from mkdaemon.bus.codec import encode
 from mkdaemon.bus.session import close_session, session_config
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.errors import ConfigError
-from mkdaemon.telemetry.sim import ScenePose, SimTruth
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -30,7 +26,6 @@ from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.tagmap import TagMap
 from mksim.config import SceneConfig, SimConfig
 from mksim.programs.scene_only import PoseStream, film_poses
-from mksim.programs.sim import sim
 from mksim.scene.camera import SceneCamera
 from tests.bus.support import free_endpoint
 
@@ -55,10 +50,6 @@ async def publisher_of_the_page(endpoint):
     finally:
         process.kill()
         await process.wait()
-
-
-def test_the_publisher_of_the_page_is_short():
-    assert len(example().splitlines()) <= 30
 
 
 async def test_another_program_flies_and_our_camera_sees_the_target_from_there():
@@ -114,13 +105,6 @@ def test_json_and_msgpack_are_read_and_a_stamp_of_this_machine_is_when_it_was(en
     assert stream.taken == 2
 
 
-def test_the_truth_of_our_own_simulator_is_such_a_pose():
-    assert {name for name, field in ScenePose.model_fields.items() if field.is_required()} < set(SimTruth.model_fields)
-    feed = Feed()
-    PoseStream(feed, CLOCK).take("application/msgpack", encode(ScenePose(**PLACE, stamp=CLOCK.stamp())))
-    assert len(feed) == 1
-
-
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
@@ -145,25 +129,3 @@ def test_what_is_no_pose_is_counted_and_named_once_a_second(raw, words, capsys):
     told = capsys.readouterr().out
     assert told.count("pose refused") == 1
     assert words in told
-
-
-def test_poses_that_come_late_are_told_with_how_late(capsys):
-    stream = PoseStream(Feed(), CLOCK)
-    stream.take("", msgpack.packb(PLACE | {"stamp": CLOCK.stamp(CLOCK.now() - 0.2).model_dump()}))
-    assert re.search(r"poses come late.*2\d\d", capsys.readouterr().out)
-
-
-def test_a_mistake_of_the_options_is_named():
-    with pytest.raises(ConfigError, match="--truth: only with --scene-only"):
-        sim(truth="mk/mk1/sim/pose")
-    code, _, errors = run_mkdaemon("sim", "--scene-only", "--connect", "nowhere")
-    assert code == 2
-    assert "sim.connect" in errors
-
-
-async def test_without_anybody_on_the_bus_it_waits_and_ends():
-    with pytest.raises(ConfigError, match="--truth"):
-        async with film_poses(SimConfig(), "mk1", "mk//pose"):
-            pytest.fail("filmed")
-    async with film_poses(SimConfig(connect=()), "mk1", "mk/mk1/sim/pose") as poses:
-        assert poses.taken == 0

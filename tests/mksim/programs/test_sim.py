@@ -9,10 +9,8 @@ import signal
 import socket
 import time
 import tty
-from unittest.mock import AsyncMock
 
 import pytest
-import structlog
 
 from lab.rigs.programs import PATIENCE, mkdaemon
 from mkdaemon.cli.mkdaemon.app import app
@@ -89,15 +87,3 @@ def test_a_mistake_is_one_line(options, code, says, taken, capsys):
     out, err = capsys.readouterr()
     assert (out, len(err.splitlines())) == ("", 1)
     assert says in err
-
-
-@pytest.mark.parametrize(("text", "count"), [('[bus]\nlisten = ["tcp/127.0.0.1:7450"]\n', 1), ("[sim]\nseed = 2\n", 0)])
-@pytest.mark.usefixtures("in_this_process")
-def test_a_section_of_the_bus_is_told_to_be_the_daemons(text, count, tmp_path, monkeypatch):
-    log = structlog.testing.CapturingLogger()
-    monkeypatch.setattr(sim, "_log", log)
-    monkeypatch.setattr(sim, "_serve", AsyncMock())
-    file = tmp_path / "aircraft.toml"
-    file.write_text(text, encoding="utf-8")
-    assert run(app, [*ALONE, "--config", str(file)]) == 0
-    assert [call.kwargs for call in log.calls] == [{"file": str(file), "connects_to": ("tcp/127.0.0.1:9",)}] * count

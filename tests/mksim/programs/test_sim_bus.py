@@ -10,11 +10,9 @@ import zenoh
 
 from lab.rigs.waiting import wait_for_blocking
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.sim import FaultRequest, SimFaults
 from mksim.config import SimConfig
-from mksim.programs.sim_bus import apply_fault_request, sim_on_bus, truth_of
+from mksim.programs.sim_bus import sim_on_bus
 from mksim.simulation import Simulation
 from tests.bus.support import ask, bus_config, client, free_endpoint
 from tests.places import SOURCE
@@ -58,50 +56,6 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon_and_the_pilot_is_as
             ((_, answer, _),) = await asyncio.to_thread(ask, session, "mk/t9/sim/start", {})
             assert (answer["status"], asked) == ("accepted", [True])
             heard.undeclare()
-
-
-async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
-    endpoint = free_endpoint()
-    async with sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"):
-        await asyncio.sleep(0.7)
-        async with Bus.open(bus_config(endpoint), "t9"):
-            with client(endpoint) as session:
-                assert await wait_for_blocking(lambda: ask(session, "mk/t9/sim/truth"))
-
-
-async def test_an_endpoint_nobody_can_understand_is_said_at_once(simulation):
-    with pytest.raises(ConfigError, match=r"sim\.connect 'garbage'"):
-        async with sim_on_bus(simulation, SimConfig(connect=("garbage",)), "t9"):
-            pytest.fail("connected")
-
-
-async def test_leaving_at_once_closes_everything(simulation):
-    for pause in (0.0, 0.05):
-        async with sim_on_bus(simulation, SimConfig(connect=(free_endpoint(),)), "t9"):
-            await asyncio.sleep(pause)
-
-
-@pytest.mark.parametrize(
-    ("fields", "running"),
-    [
-        ({"action": "start", "name": "rc_lost"}, {"rc_lost"}),
-        ({"action": "start", "name": "link_cut", "values": {"direction": "to_host"}}, {"link_cut"}),
-        ({"action": "stop", "name": "rc_lost"}, set()),
-        ({"action": "clear"}, set()),
-        ({"action": "list"}, set()),
-    ],
-)
-def test_requests(simulation, fields, running):
-    result = apply_fault_request(simulation, FaultRequest.model_validate(fields), STAMP)
-    assert set(result.reply["active"]) == running == set(simulation.world.faults.active)
-    assert SimFaults.model_validate(result.reply)
-    assert result.reply_type == "SimFaults.v1"
-
-
-def test_truth_is_the_worlds(simulation):
-    truth = truth_of(simulation, STAMP)
-    assert truth.position_enu == tuple(simulation.world.truth.position_enu)
-    assert truth.airborne is False
 
 
 FLIGHT_CODE = ["control", "link", "vision", "daemon", "translate", "protocol", "record"]

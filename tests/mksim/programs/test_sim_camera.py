@@ -66,31 +66,6 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
     assert is_film(tmp_path / "flight.avi")
 
 
-async def test_a_simulator_without_a_camera_films_nothing() -> None:
-    config = SimConfig()
-    assert open_camera(config) is None
-    async with run_camera(None, Simulation(config), config, CameraPublisher("film", "down")):
-        assert not [task for task in asyncio.all_tasks() if task.get_name() == "simulated camera"]
-
-
-def has_more(folder: Path, size: int) -> bool:
-    """Whether a file in a folder has more than so many bytes."""
-    return any(file.stat().st_size > size for file in folder.iterdir())
-
-
-async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> None:
-    clip = tmp_path / "alone.avi"
-    scene = SceneConfig(enabled=True, fps=20, video=clip)
-    config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
-    simulation, publisher = Simulation(config), CameraPublisher("film", "down")
-    async with asyncio.timeout(120.0), run_camera(open_camera(config), simulation, config, publisher):
-        while not has_more(tmp_path, 100_000):
-            simulation.advance(simulation.now + 0.025)
-            await asyncio.sleep(0.01)
-        assert not clip.exists()
-    assert is_film(clip)
-
-
 async def test_a_video_that_cannot_be_written_stops_the_simulator_at_once(tmp_path: Path) -> None:
     config = SimConfig(scene=SceneConfig(enabled=True, video=tmp_path / "no" / "flight.avi"))
     with pytest.raises(ConfigError, match=r"sim\.scene\.video"):

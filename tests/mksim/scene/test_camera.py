@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from mkdaemon.clock import boot_id
-from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
-from mksim.config import FlightConfig, LightConfig, PilotPlan, PlatformConfig, SceneConfig, SimConfig
+from mksim.config import FlightConfig, PilotPlan, PlatformConfig, SceneConfig, SimConfig
 from mksim.faults import RunningFaults
 from mksim.physics.truth import Truth
 from mksim.physics.world import StartState, World
-from mksim.scene.camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
+from mksim.scene.camera import BodyState, SceneCamera, landing_world, platform_of
 from mksim.scene.feed import SceneFeed
-from mksim.scene.outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
 from mksim.simulation import Simulation
 from tests.places import CONFIGS
 
@@ -56,10 +50,6 @@ def test_the_pose_in_the_image_is_the_true_state() -> None:
     np.testing.assert_allclose(vehicle_of(camera, result), state().position_enu, atol=0.006)
 
 
-def test_the_shipped_camera_file_is_the_built_in_camera() -> None:
-    assert load_camera(CONFIGS / "cameras" / "sim.toml").intrinsics == BUILT_IN.intrinsics
-
-
 def test_the_target_moves_with_its_platform() -> None:
     cfg = SceneConfig(platform=PlatformConfig(kind="straight", speed=0.2, heading_deg=90.0))
     camera = SceneCamera(cfg, seed=1)
@@ -72,16 +62,6 @@ def test_the_target_moves_with_its_platform() -> None:
     assert platform_of(cfg.platform).pose_at(1.0).position_enu[1] == pytest.approx(0.2)
 
 
-def test_a_camera_off_the_centre_moves_when_the_body_turns() -> None:
-    camera = SceneCamera(SceneConfig(camera=CONFIGS / "cameras" / "sim.toml"), seed=1)
-    spun = camera.view(state(spin=2.0))
-    still = camera.view(state())
-    turn = spun.velocity_enu - still.velocity_enu
-    arm = TURNED @ np.array(camera.camera.mount.position_flu)
-    np.testing.assert_allclose(turn, np.cross(TURNED @ [0, 0, 2.0], arm), atol=1e-12)
-    assert spun.rate_cam[2] == pytest.approx(-2.0)  # looking down, nose to the left turns against the image
-
-
 def test_faults_take_the_light_and_hide_the_target() -> None:
     camera = SceneCamera(SceneConfig(), seed=1)
     fair = camera.expose(state())
@@ -89,25 +69,6 @@ def test_faults_take_the_light_and_hide_the_target() -> None:
     assert len(look(camera, fair).tags) == 2
     assert len(look(camera, camera.expose(state(), covered=1.0)).tags) == 0
     assert len(look(camera, camera.expose(state(), covered=0.5)).tags) < 2
-
-
-def test_light_follows_its_configuration() -> None:
-    light = LightConfig(exposure=0.5, noise_sd=4.0, gradient=3.0, shadow_ratio=4.0, glare=0.1, jpeg_quality=30)
-    conditions = SceneCamera(SceneConfig(light=light), seed=1).conditions(5.0, light=0.5, covered=0.3)
-    assert conditions.exposure == 0.25
-    assert (conditions.noise_sd, conditions.gradient, conditions.jpeg_quality) == (4.0, 3.0, 30)
-    assert conditions.shadow is not None
-    assert len(conditions.glare) == len(conditions.covers) == 1
-
-
-def test_a_webcam_rolls_its_shutter_and_finds_its_own_exposure() -> None:
-    light = LightConfig(exposure=0.2, leaves_height=3.0, vehicle_shadow=True)
-    camera = SceneCamera(SceneConfig(kind="c270", light=light), seed=1)
-    assert camera.view(state()).line_time == pytest.approx(30e-3 / 480)
-    leaves = camera.conditions(0.5).leaves
-    assert leaves.shift != (0.0, 0.0)
-    means = [float(camera.expose(state()).mean()) for _ in range(8)]
-    assert means[-1] > 1.2 * means[0]
 
 
 def truth_at(height: float) -> Truth:
@@ -175,41 +136,3 @@ def test_a_camera_that_is_off_takes_no_picture_and_a_renderer_that_falls_behind_
         feed.tick(k / 30.0 + 1e-9, truth, faults)
     assert feed.dropped == 4
     feed.stop()
-
-
-def test_a_video_is_what_was_rendered(tmp_path: Path) -> None:
-    writer = VideoWriter(tmp_path / "flight.avi", 640, 480, 30.0)
-    pixels = SceneCamera(SceneConfig(), seed=1).expose(state())
-    writer.write(pixels)
-    writer.close()
-    capture = cv2.VideoCapture(str(tmp_path / "flight.avi"))
-    found, image = capture.read()
-    capture.release()
-    assert found
-    assert np.abs(image[:, :, 0].astype(int) - pixels).max() <= 2
-
-
-def test_a_loop_device_is_told_its_format(tmp_path: Path) -> None:
-    told = []
-    device = tmp_path / "video9"
-    device.write_bytes(b"")
-    writer = LoopWriter(device, 64, 48, ioctl=lambda fd, request, fmt: told.append((request, fmt)))
-    writer.write(np.full((48, 64), 7, np.uint8))
-    writer.close()
-    writer.close()
-    assert device.read_bytes() == bytes([7]) * 64 * 48
-    ((request, fmt),) = told
-    assert request == VIDIOC_S_FMT
-    assert len(fmt) == (request >> 16) & 0x3FFF == 208
-    kind, width, height, code, _, line, size = struct.unpack_from("<I4x6I", fmt)
-    assert (kind, width, height, code.to_bytes(4, "little"), line, size) == (2, 64, 48, b"GREY", 64, 64 * 48)
-    assert loop_format(64, 48) == fmt
-    with pytest.raises(ConfigError, match="modprobe v4l2loopback"):
-        LoopWriter(tmp_path / "none", 64, 48)
-
-
-def test_wrong_files_are_configuration_errors() -> None:
-    with pytest.raises(ConfigError, match=r"camera file none\.toml"):
-        SceneCamera(SceneConfig(camera=Path("none.toml")), seed=1)
-    with pytest.raises(ConfigError, match=r"target file none\.toml"):
-        SceneCamera(SceneConfig(targets=(Path("none.toml"),)), seed=1)

@@ -8,7 +8,7 @@ import pytest
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
-from mksim.scene.flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
+from mksim.scene.flights import HIGHEST_M, LOWEST_M, random_flight
 from mksim.scene.motion import Platform
 from mksim.scene.scene import SceneTarget, true_corners
 
@@ -45,35 +45,3 @@ def test_flights_fill_their_envelope_and_bring_every_hardship() -> None:
     assert in_view / 1440 > 0.95
     assert np.mean(shake) == pytest.approx(0.7, rel=0.15)
     assert seen == {"covers", "glare", "shadow", "blur"}
-
-
-def test_velocity_is_the_derivative_of_position() -> None:
-    frames = list(random_flight(1, CAMERA, tag_size=SIZE, rate_hz=100.0, duration=1.0))
-    moved = (frames[51].view.position_enu - frames[49].view.position_enu) * 50.0
-    np.testing.assert_allclose(frames[50].view.velocity_enu, moved, atol=0.01)
-
-
-@pytest.mark.parametrize("side", range(4))
-def test_a_side_cut_hides_its_share(side: int) -> None:
-    grid = np.linspace(-0.5, 0.5, 201) * 2.0
-    x, y = np.meshgrid(grid, grid)
-    polygon = np.array(side_cut(2.0, 0.25, side).polygon)
-    low, high = polygon.min(axis=0), polygon.max(axis=0)
-    hidden = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
-    assert hidden.mean() == pytest.approx(0.25, abs=0.01)
-    assert np.sign(x[hidden].mean().round(6)) == (1, 0, -1, 0)[side]
-    assert np.sign(y[hidden].mean().round(6)) == (0, 1, 0, -1)[side]
-
-
-def test_patches_have_their_area() -> None:
-    covers = patches(np.random.default_rng(1), 2.0, 0.2)
-    area = 0.0
-    for cover in covers:
-        p = np.array(cover.polygon)
-        area += 0.5 * abs(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1]))
-    assert area == pytest.approx(0.2 * 4.0)
-
-
-def test_attitude_reads_as_body_angles() -> None:
-    frame = next(iter(random_flight(2, CAMERA, tag_size=SIZE)))
-    assert all(abs(angle) < 25 for angle in attitude_deg(frame.enu_from_flu)[:2])

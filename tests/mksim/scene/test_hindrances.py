@@ -1,4 +1,4 @@
-"""Fog, drops, propellers, lamps and an analog link: what is left of the light behind them."""
+"""Fog, propellers, lamps and an analog link: what is left of the light behind them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ import pytest
 
 from lab.vision.flight import LEVEL, VGA
 from lab.vision.stills import target_named
-from mksim.scene.analogvideo import BAND_NOISE, FIELD_TIME, AnalogVideo, through_air, weave
+from mksim.scene.analogvideo import FIELD_TIME, AnalogVideo, through_air, weave
 from mksim.scene.hindrances import (
     BLADE_SHADE,
     BLADES,
-    Drops,
     Flicker,
     Fog,
     Propellers,
-    add_drops,
     add_fog,
     add_propellers,
     flickered,
@@ -42,15 +40,6 @@ def test_fog_leaves_of_a_contrast_what_its_visibility_says():
     assert add_fog(EVEN, fog, level, RAYS, ground)[0, 320] == pytest.approx(0.7), "above the horizon there is fog alone"
 
 
-def test_a_drop_shows_the_other_side_of_the_scene_and_the_rest_stays():
-    ramp = np.tile(np.linspace(0.0, 1.0, VGA.width, dtype=np.float32), (VGA.height, 1))
-    seen = add_drops(ramp, Drops(seed=3, count=40))
-    changed = np.abs(seen - ramp) > 1e-3
-    assert 0.02 < changed.mean() < 0.2
-    assert seen[:, :100][changed[:, :100]].max() > 0.4, "on the dark side some see the bright one"
-    assert np.array_equal(add_drops(ramp, Drops(seed=3, count=40)), seen)
-
-
 def test_a_blade_that_turns_once_while_the_shutter_is_open_is_a_veil():
     blades = Propellers(rate=100.0, phase=(0.3, 1.0), width=0.2)
     seen = add_propellers(EVEN, blades, replace(ABOVE, exposure_time=1 / (BLADES * 100.0)))
@@ -61,14 +50,6 @@ def test_a_blade_that_turns_once_while_the_shutter_is_open_is_a_veil():
     assert veiled[0] == pytest.approx(0.5 + share * (BLADE_SHADE - 0.5), rel=1e-4)
 
 
-def test_a_rolling_shutter_bends_a_blade():
-    blades = Propellers(rate=80.0, phase=(0.3, 1.0))
-    still = add_propellers(EVEN, blades, replace(ABOVE, exposure_time=1e-4))
-    rolled = add_propellers(EVEN, blades, replace(ABOVE, exposure_time=1e-4, line_time=50e-6))
-    dark = [np.flatnonzero((image < 0.3).any(axis=1)) for image in (still, rolled)]
-    assert dark[1].size > dark[0].size
-
-
 def test_lamps_make_bands_of_their_period_and_a_whole_period_none():
     flicker = Flicker(rate=200.0, depth=0.5)
     view = replace(ABOVE, line_time=50e-6, exposure_time=1e-4)
@@ -76,26 +57,6 @@ def test_lamps_make_bands_of_their_period_and_a_whole_period_none():
     assert rows.max() == pytest.approx(1.5, abs=0.01) and rows.min() == pytest.approx(0.5, abs=0.01)
     assert np.allclose(rows[100:], rows[:-100], atol=1e-4), "1 / (200 Hz 50 us) rows"
     assert np.allclose(flickered(EVEN, flicker, replace(view, exposure_time=1 / 200.0)), EVEN, atol=1e-6)
-
-
-def test_an_analog_link_has_soft_lines_and_noise_that_neighbours_share():
-    step = np.zeros_like(EVEN)
-    step[:, 320:] = 200.0
-    clean = through_air(step, AnalogVideo(noise=0.0, disturbed=0.0), np.random.default_rng(1))
-    assert (clean == clean[0]).all()
-    assert clean[0].max() > 205.0, "the camera peaks its edges"
-    assert ((clean[0] > 20.0) & (clean[0] < 180.0)).sum() >= 2
-    noise = through_air(np.full_like(EVEN, 100.0), AnalogVideo(6.0, 0.0), np.random.default_rng(1)) - 100.0
-    assert noise.std() == pytest.approx(6.0, rel=0.02)
-    assert (noise[:, 1:] * noise[:, :-1]).mean() > 0.4 * 36 > 10 * abs((noise[1:] * noise[:-1]).mean())
-
-
-def test_bands_of_a_disturbed_image_have_hardly_a_signal_and_torn_rows():
-    lines = np.tile(np.where(np.arange(VGA.width) % 64 < 32, 40.0, 200.0).astype(np.float32), (VGA.height, 1))
-    seen = through_air(lines, AnalogVideo(noise=1.0, disturbed=1.0), np.random.default_rng(2))
-    worst = (seen - lines).std(axis=1)
-    assert (worst > 0.8 * BAND_NOISE).sum() >= 6
-    assert np.median(worst) < 15.0
 
 
 def test_fields_of_a_moving_camera_make_combs_and_those_of_a_still_one_none():
