@@ -118,7 +118,6 @@ def hanging():
     ("number", "guarded", "kind"),
     [
         (signal.SIGINT, "guarded", "ignores its end"),
-        (signal.SIGINT, "alone", "thinks for ever"),
         (signal.SIGTERM, "guarded", "thinks for ever"),
         (signal.SIGTERM, "alone", "sleeps in the loop"),
     ],
