@@ -83,12 +83,14 @@ class Campaign(Generic[Asked]):
             exception makes the row an `Ending.FAILED` with its reason, and costs no other row.
         key: plain values that name one piece of work.
         limit: processor time after which one has failed [s].
+        is_alone: each needs a process of its own, because it leaves something behind.
     """
 
     name: str
     run: Callable[[Asked], Mapping[str, Any]]
     key: Callable[[Asked], Row]
     limit: float = math.inf
+    is_alone: bool = False
 
     def rows(self, asked: Sequence[Asked], jobs: int = 1, results: Path | None = None) -> list[Row]:
         """Carry out all that is asked, and write on stderr how each ended.
@@ -111,7 +113,8 @@ class Campaign(Generic[Asked]):
         left = [number for number in range(len(keys)) if number not in found]
         work = partial(_row_of, self.run, self.limit)
         began = time.monotonic()
-        for count, (index, row) in enumerate(each_result(work, [asked[number] for number in left], jobs), 1):
+        rows = each_result(work, [asked[number] for number in left], jobs, is_alone=self.is_alone)
+        for count, (index, row) in enumerate(rows, 1):
             number = left[index]
             found[number] = keys[number] | row
             if row.get("ending") != Ending.FAILED:
