@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from lab.campaign import Campaign, Ending, Row, endings
 from lab.control.faultrig import LAND_AT, TOLERANCE, Expectation, FaultRig
@@ -100,31 +100,20 @@ def _ended(record: Record) -> float:
 FAULT_FLIGHTS: Final = Campaign("control faults", fly_one, lambda seed: {"seed": seed}, limit=300.0)
 
 
-def run_faults(count: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, dict[str, Any]]:
-    """Fly the campaign; figures by key, every outcome counted."""
-    return sum_up(FAULT_FLIGHTS.rows(range(first_seed, first_seed + (count or FLIGHTS)), jobs, results))
+def run_faults(count: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, Row]:
+    """Fly the campaign; its summary."""
+    return {"faults": sum_up(FAULT_FLIGHTS.rows(range(first_seed, first_seed + (count or FLIGHTS)), jobs, results))}
 
 
-def sum_up(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Figures of the campaign, of the rows of all flights."""
-    ends = endings(rows)
-    violations = Counter[str]()
+def sum_up(rows: Sequence[Row]) -> Row:
+    """How all flights ended, how many stick frames were checked, and the rules they broke."""
+    ends, violations = endings(rows), Counter[str]()
     for row in rows:
         violations.update(row.get("violations", {}))
     bad = (Ending.WRONG, Ending.LOST, Ending.FAILED)
-    return {
-        "faults_ends": ends
-        | {
-            "unfinished": [text for text in ends["unfinished"] if text.split(": ")[1] in bad],
-            "count": len(rows),
-            "goal": "no flight lost or wrong",
-            "holds": not any(row["ending"] in bad for row in rows),
-        },
-        "faults_frames": {
-            "checked": sum(row.get("frames", 0) for row in rows),
-            "violations": dict(violations),
-            "count": len(rows),
-            "goal": "none",
-            "holds": not violations,
-        },
+    return ends | {
+        "unfinished": [text for text in ends["unfinished"] if text.split(": ")[1] in bad],
+        "frames": sum(row.get("frames", 0) for row in rows),
+        "violations": dict(violations),
+        "holds": not violations and not any(row["ending"] in bad for row in rows),
     }

@@ -110,13 +110,13 @@ def test_the_sum_counts_every_end_and_every_broken_rule():
         )
     ]
     good, bad, released = ({"seed": seed, **row} for seed, row in enumerate(rows, 1))
-    figures = sum_up([good, bad, good, released])
-    ends = figures["faults_ends"]
-    assert (ends["finished"], ends["released"], ends["lost"]) == (2, 1, 1)
-    assert ends["unfinished"] == ["2: lost: left at 3.2 s"]
-    assert not ends["holds"]
-    assert figures["faults_frames"]["violations"] == Counter(slew=2)
-    assert sum_up([good, released])["faults_ends"]["holds"]
+    found = sum_up([good, bad, good, released])
+    assert (found["finished"], found["released"], found["lost"], found["frames"]) == (2, 1, 1, 40)
+    assert found["unfinished"] == ["2: lost: left at 3.2 s"]
+    assert found["violations"] == Counter(slew=2)
+    assert not found["holds"]
+    assert sum_up([good, released])["holds"]
+    assert not sum_up([good | {"violations": {"slew": 1}}])["holds"]
 
 
 def test_every_fault_can_be_drawn():
