@@ -97,13 +97,6 @@ def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
         drive.run(2 * LASTING)
 
 
-@pytest.mark.parametrize(("voltage", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])
-def test_cells_are_counted_by_the_voltage_where_nothing_else_is_known(voltage, cells):
-    facts = VehicleMemory()
-    facts.state_received(battery(voltage), 1.0)
-    assert facts.cells == cells
-
-
 def at_rest(voltage, known=None):
     facts = VehicleMemory()
     if known is not None:

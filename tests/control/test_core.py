@@ -82,16 +82,6 @@ def test_silence_gives_neutral_sticks_at_its_deadline_then_a_release(drive):
     assert [(event.action, event.released) for event in drive.of(ReportFailsafe)][1:] == [("release", True)]
 
 
-def test_tilt_starts_from_neutral_and_throttle_where_the_client_holds_it(drive):
-    drive.take()
-    drive.stream(1.2, throttle=50.0)
-    assert drive.sticks[0].counts.throttle == 50
-    drive.put(pitch=60.0, throttle=50.0)
-    drive.tick()
-    assert 0 < drive.sticks[-1].counts.pitch < 60
-    assert drive.sticks[-1].is_limited
-
-
 def test_the_first_setpoint_of_an_epoch_is_reported_and_refusals_once_a_second(drive):
     drive.take()
     drive.put()

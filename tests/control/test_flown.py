@@ -57,16 +57,6 @@ def test_what_is_flown_is_shown_from_the_first_setpoint_to_the_end(setpoint, sho
         assert (nothing.concern, nothing.keeps_place, nothing.is_by_target) == (None, False, False)
 
 
-def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(entered):
-    flying = fly((Phase.FLYING, HOLD))
-    first = flying.flown.current
-    flying.step(HoldSetpoint(**BASE | {"sequence": 2}), 1.0, is_flying=True)
-    assert flying.flown.current is first
-    flying.step(LAND, 1.1, is_flying=True)
-    assert type(flying.flown.current) is Land
-    assert entered[-1] == (Land, Hold)
-
-
 def test_before_the_flight_every_setpoint_is_begun_anew(entered):
     flying = Flying()
     flying.step(HOLD, 0.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.liftoff import lifted_off
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import OURS, StickCommand
+from mkdaemon.control.estimator.values import StickCommand
 from mksim.config import AirframeConfig, FlightConfig
 from mksim.physics.world import DT, StickInput, World
 
@@ -63,12 +62,3 @@ def test_the_found_throttle_stays_in_the_accepted_range():
     frames = rising(130.0)
     assert lifted_off(frames, [(0.7, 5.0)], MODEL, BETWEEN).hover_gas == pytest.approx(BETWEEN[0], abs=0.2)
     assert lifted_off(frames, [(0.5, 0.0001)], MODEL, (80.0, 100.0)).hover_gas == pytest.approx(100.0, abs=0.2)
-
-
-def test_a_throttle_that_the_pilot_caps_lifts_no_more_than_it_gives():
-    frames = rising(150.0)
-    capped = [replace(frame, use=replace(OURS, cap=130.0)) for frame in frames]
-    seen = [(0.8, 0.2)]
-    assert (
-        lifted_off(capped, seen, MODEL, BETWEEN).hover_gas < lifted_off(frames, seen, MODEL, BETWEEN).hover_gas - 10.0
-    )

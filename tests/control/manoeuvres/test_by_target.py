@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import SEARCHES, TURNED, Arrival, error_value
 from mkdaemon.control.manoeuvres.goto import Goto
@@ -102,16 +101,6 @@ def timed(aircraft, manoeuvre, seconds):
         yield aircraft.now, step
 
 
-def test_target_that_comes_back_into_sight_is_flown_by_again(settled):
-    aircraft = settled()
-    hold = aircraft.begin(Hold(aircraft.sight, CFG))
-    aircraft.fly(hold, 1.0)
-    aircraft.sees = False
-    assert aircraft.fly(hold, 2.0)[-1].obstacle
-    aircraft.sees = True
-    assert not aircraft.fly(hold, 0.2)[-1].obstacle
-
-
 def test_without_a_young_image_the_goal_waits_where_the_reference_is(settled):
     aircraft = settled()
     ahead = goto(aircraft, (3.0, 0.0, 2.5))
@@ -150,16 +139,6 @@ def test_before_the_flight_the_reference_begins_anew_at_every_step(settled):
     ahead = goto(aircraft, (4.0, 0.0, 2.0))
     aircraft.fly(ahead, 2.0, is_flying=False)
     assert where_it_rests(aircraft, ahead) == pytest.approx(ABOVE, abs=0.05)
-
-
-@pytest.mark.parametrize("is_flying", [False, True])
-def test_a_step_asks_the_estimator_once_for_now_and_once_for_when_its_sticks_act(settled, monkeypatch, is_flying):
-    aircraft, asked = settled(), []
-    hold, estimate = aircraft.begin(Hold(aircraft.sight, aircraft.cfg)), Estimator.estimate
-    aircraft.fly(hold, STEP, is_flying=is_flying)  # a flight that begins has a step of its own
-    monkeypatch.setattr(Estimator, "estimate", lambda self, at: asked.append(at) or estimate(self, at))
-    aircraft.fly(hold, STEP, is_flying=is_flying)
-    assert asked == [aircraft.now, aircraft.now + aircraft.sight.estimator.model.uplink]
 
 
 def test_reference_goes_no_faster_than_configured(settled):
@@ -211,17 +190,6 @@ def test_reference_never_leaps_after_a_pause(settled, pause):
     gone = where_it_rests(aircraft, ahead)[0] - before
     assert step.error.goal == (4.5, 0.0, 2.0)
     assert gone == pytest.approx(CFG.max_speed * 0.1, abs=0.03), "a tenth of a second at most"
-
-
-def test_two_steps_at_one_time_move_the_reference_a_little_and_not_back(settled):
-    aircraft = settled()
-    ahead = goto(aircraft, (4.5, 0.0, 2.0))
-    aircraft.fly(ahead, 2.0)
-    before = where_it_rests(aircraft, ahead)[0]
-    for _ in range(10):
-        ahead.step(aircraft.now, is_flying=True)
-    gone = where_it_rests(aircraft, ahead)[0] - before
-    assert gone == pytest.approx(CFG.max_speed * (10 * 0.005 + 0.02), abs=0.02)
 
 
 def test_another_estimate_begins_another_reference(settled):

@@ -158,16 +158,6 @@ def test_one_that_was_never_flown_does_not_go_down_blind():
     assert land.landing is None
 
 
-def test_committed_it_goes_on_without_any_image():
-    cfg = AutopilotConfig(freeze_after=0.1, level_after=0.2, exit_after=0.4)
-    aircraft, land = landing_of((0.0, 0.0, 0.5), cfg=cfg)
-    sink(aircraft, land, LandingPhase.COMMIT)
-    aircraft.sees = False
-    steps = aircraft.fly(land, 0.8)
-    assert {(step.stage, step.end) for step in steps} == {("commit", None)}
-    assert steps[-1].sticks.throttle < -40.0, "throttle goes down further, and carries less than half of the weight"
-
-
 def test_heights_of_a_landing_are_those_over_the_configured_feet():
     """With its feet 0.4 m below the camera it is 0.1 m above the target; with 0.1 m it would still go down."""
     aircraft, land = landing_of((0.0, 0.0, 0.5), cfg=AutopilotConfig(stand_height=0.4))
