@@ -7,13 +7,12 @@ on the wire and what the FlightCtrl holds, from the event on. Source of the time
 from __future__ import annotations
 
 import asyncio
-import math
 import random
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from lab.campaign import Campaign, Ending, Row
+from lab.campaign import Campaign, Ending, Row, summed_up
 from lab.control.triggerrig import CLIENT, Client, Scene
 from lab.control.triggerstories import DEAD_MAN, TRIGGERS
 from lab.rigs.boardport import TICK_TIME
@@ -42,7 +41,7 @@ def fire(name: str, boards: Boards, seed: int, tick: float = TICK_TIME) -> Row:
     trigger, at = BY_NAME[name], _fire(name, boards, seed, tick)
     wanted = trigger.time(boards)
     is_right = abs(at - wanted) <= SHARE * wanted + trigger.slack
-    why = "" if is_right else f"fired at {at:.2f} s"
+    why = "" if is_right else f"{boards.name} fired at {at:.2f} s"
     return {"ending": Ending.FINISHED if is_right else Ending.WRONG, "why": why, "at": at}
 
 
@@ -81,17 +80,8 @@ def run_triggers(runs: int | None, first_seed: int, jobs: int, results: Path | N
     seeds = range(first_seed, first_seed + (runs or 3))
     work = [(trigger.name, boards, seed) for trigger in TRIGGERS for boards in trigger.boards for seed in seeds]
     rows = FIRINGS.rows(work, jobs, results)
-    figures = {}
-    for trigger in TRIGGERS:
-        seen = [row for row in rows if row["trigger"] == trigger.name]
-        wrong = sorted({row["boards"] for row in seen if row["ending"] != Ending.FINISHED})
-        times = [math.inf if row.get("at") is None else row["at"] for row in seen]
-        figures[f"trigger_{trigger.name}_s"] = {
-            "earliest": round(min(times), 3),
-            "latest": round(max(times), 3),
-            "goal": trigger.at if trigger.at is not None else str(DEAD_MAN),
-            "count": len(seen),
-            "wrong": wrong,
-            "holds": not wrong,
-        }
-    return figures
+    return {
+        f"trigger_{trigger.name}_s": summed_up([row for row in rows if row["trigger"] == trigger.name], "at")
+        | {"goal": DEAD_MAN if trigger.at is None else trigger.at}
+        for trigger in TRIGGERS
+    }
