@@ -30,14 +30,11 @@ from mksim.boards.navictrl import NaviCtrl
 
 NOISE: Final = Noise(lost=0.015, damaged=0.015, stalled=0.01, longest_stall=1.0, repeated=0.01)
 """Three of a hundred bytes come to harm, half of them lost, half damaged; some frames are late or come twice."""
-FAIR: Final = Noise(lost=0.0015, damaged=0.0015, stalled=0.01, longest_stall=1.0, repeated=0.01)
-"""A tenth of that: a line somebody might still use."""
 POOR: Final = Noise(lost=0.005, damaged=0.005, stalled=0.01, longest_stall=1.0, repeated=0.01)
 """A third of it: with little patience most backups break off in the middle, with another set loaded."""
 UPLOAD_PATIENCE: Final = Patience(attempts=60, timeout=0.1)
 BACKUP_PATIENCE: Final = Patience(attempts=5000, timeout=0.1)
 """A parameter set is 202 characters: at three harmed bytes of a hundred one reply in 640 arrives whole."""
-SHORT_PATIENCE: Final = Patience(attempts=40, timeout=0.1)
 HASTY: Final = Patience(attempts=12, timeout=0.1)
 
 
@@ -135,9 +132,7 @@ FIGURES: Final[Mapping[str, Figure]] = {
     "live_set_changed": total("is_changed"),
 }
 BACKUPS: Final[Mapping[str, Callable[[int], Row]]] = {
-    "backups, 0.3 % of bytes harmed": partial(run_backup, noise=FAIR, patience=SHORT_PATIENCE),
     "backups, 1 % of bytes harmed, 12 attempts": partial(run_backup, noise=POOR, patience=HASTY),
-    "backups, 3 % of bytes harmed, 40 attempts": partial(run_backup, noise=NOISE, patience=SHORT_PATIENCE),
     "backups, 3 % of bytes harmed, 5000 attempts": run_backup,
 }
 CASES: Final = {
