@@ -158,7 +158,7 @@ MOMENTS: Final = (0.2, 4.0)
 
 
 class RadioLink:
-    """Carries bytes to the router, later; while it is cut nothing passes, and neither end is told.
+    """Carries bytes to the router, later; while it is cut nothing passes, and neither end notices.
 
     Attributes:
         is_whole: cleared while it is cut. What was under way arrives late, as over any link that sends again.
