@@ -175,15 +175,6 @@ def command(at, tilt=0.1):
     return StickFrame(at, (tilt, 0.0), 0.0)
 
 
-def test_a_stick_frame_acts_from_its_moment_until_the_next():
-    history = CommandHistory()
-    first, second = command(1.0), command(2.0, 0.2)
-    assert history.at(0.0) is NEUTRAL
-    history.add(first)
-    history.add(second)
-    assert [history.at(time) for time in (0.99, 1.0, 1.99, 2.0, 9.0)] == [NEUTRAL, first, first, second, second]
-
-
 def test_a_stick_frame_that_would_act_before_an_earlier_one_acts_just_after_it():
     history = CommandHistory()
     history.add(command(1.0))

@@ -68,22 +68,6 @@ def test_velocity_and_acceleration_are_the_derivatives(points):
     assert (high.velocity - low.velocity) / (2 * EPS) == pytest.approx(here.acceleration, abs=3e-3 * size)
 
 
-def test_from_rest_to_rest_it_is_the_way_of_least_jerk():
-    """Flash and Hogan, equation 3: 10 s^3 - 15 s^4 + 6 s^5."""
-    curve = PathCurve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
-    for share in (0.1, 0.25, 0.5, 0.9):
-        done = 10 * share**3 - 15 * share**4 + 6 * share**5
-        assert at(curve, 4.0 * share)[0][:3] == pytest.approx((2.0 * done, -done, 1.0))
-
-
-def test_before_and_after_it_rests_at_its_ends():
-    curve = PathCurve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
-    for time, place in ((-1.0, (0.0, 0.0, 1.0)), (5.0, (2.0, -1.0, 1.0))):
-        position, velocity, acceleration = at(curve, time)
-        assert position[:3] == pytest.approx(place)
-        assert not velocity.any() and not acceleration.any()
-
-
 @pytest.mark.parametrize("speed", [0.2, 0.5, 1.0])
 def test_a_speed_is_flown_at_and_stops_are_left_gently(speed):
     points = [PathPoint(position=(0.3 * k, 0.0, 1.0), speed=speed if k else None) for k in range(41)]
