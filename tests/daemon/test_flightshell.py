@@ -12,17 +12,23 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import PoseSeen, SightRefused
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.daemon.deck import Deck
+from mkdaemon.daemon.eyes import PoseSink
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import FrameNumber, ReleaseResult, SetpointQueued, SetpointRefused
-from mkdaemon.telemetry.command import ReleaseRequest
+from mkdaemon.telemetry.command import AbortRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.vision import PoseRefused
 from tests.control.admission.situations import GOOD
+from tests.control.events import pose
 from tests.daemon.procedures.procedure_rig import Bus
 from tests.values import made
 
@@ -134,3 +140,31 @@ async def test_a_line_that_refuses_frames_ends_nothing_and_is_told():
         told = [event.text for event in shell.bus.values("event/log")]
         assert len(told) == 2
         assert all(text.startswith("stick frame not sent: link_down: ") for text in told)
+
+
+async def test_a_pose_and_a_refusal_reach_the_core_and_the_bus_and_other_values_only_the_bus():
+    told, bus, refused = [], Bus(), PoseRefused.model_construct(camera="down")
+    sink = PoseSink(lambda event, now: told.append((event, now)), bus, Clock(monotonic=lambda: 1.2))
+    sink.publish("vision/down/pose", pose(1.0))
+    sink.publish("vision/down/refused", refused)
+    sink.publish("vision/down/stats", ESTIMATE)
+    assert told == [(PoseSeen(pose(1.0)), 1.2), (SightRefused(refused), 1.2)]
+    assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/refused", "vision/down/stats"]
+
+
+@virtually
+async def test_a_path_that_can_be_flown_is_stored_and_another_one_refused():
+    flight = Shell().flight
+    start = PathPoint(position=(0.0, 0.0, 1.5))
+    near, far = (PathUploadRequest(points=(start, PathPoint(position=(x, 0.0, 1.5), speed=0.5))) for x in (1.0, 900.0))
+    assert flight.store_path(near).length == pytest.approx(1.0, abs=0.01)
+    with pytest.raises(CommandRejectedError) as refused:
+        flight.store_path(far)
+    assert refused.value.token == "path_refused"
+
+
+@virtually
+async def test_with_nothing_flown_an_abort_is_refused():
+    with pytest.raises(CommandRejectedError) as refused:
+        Shell().flight.abort(AbortRequest(reason="enough"))
+    assert refused.value.token == "nothing_flown"

@@ -21,6 +21,7 @@ from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import Attitude
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import NAN, Ears, beat, serving, virtually
+from tests.values import STAMP
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
 TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM, START, HOLD, ROI = 22, 21, 20, 192, 176, 400, 300, 17, 195
@@ -45,7 +46,7 @@ async def test_a_value_is_sent_on_while_the_loop_stands_still_and_what_it_announ
     sample = Sample("state/attitude", rig.ATTITUDE.model_dump(), encoding_of(Attitude))
     on_a_thread(lambda: vehicle.take(sample)).join()
     assert len(ears.named("ATTITUDE")) == 1
-    event = LogEvent(stamp=rig.STAMP, level="warning", text="a wire is loose")
+    event = LogEvent(stamp=STAMP, level="warning", text="a wire is loose")
     sample = Sample("event/log", event.model_dump(), encoding_of(LogEvent))
     on_a_thread(lambda: vehicle.take(sample)).join()
     assert not ears.words
@@ -356,7 +357,7 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         words = trouble_words(made, left)
         status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left, manoeuvre="hold")
         if causes and not ears.words:
-            gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
+            gateway.value_arrived(LogEvent(stamp=STAMP, level="warning", text=words))
         gateway.value_arrived(status)
         await asyncio.sleep(0)  # announced on the loop
 

@@ -11,6 +11,7 @@ from mkdaemon.telemetry.navi import NaviStage
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import LAT, LON, NAN, Ears, beat, parts, serving, virtually
+from tests.values import STAMP
 
 ACCEPTED, ERROR, FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5
 SEQUENCE, DENIED, CANCELLED = 13, 14, 15
@@ -46,7 +47,7 @@ async def test_somebody_elses_list_is_read_from_the_board(vehicle, gateway, ears
     await ears.upload(MISSION)
     vehicle.points = (MissionPoint(latitude_deg=LAT / 1e7, longitude_deg=LON / 1e7, altitude=7.0, heading_deg=90),)
     event = {"action": "uploaded", "count": 1, "digest": "another", "source": "file"}
-    gateway.value_arrived(MissionEvent(stamp=rig.STAMP, **event))
+    gateway.value_arrived(MissionEvent(stamp=STAMP, **event))
     (found,) = await ears.download()
     assert parts([found])[0] == (0, 6, 16, 1, 1, 0.0, 5.0, 0.0, LAT, LON, 7.0) and found.param4 == 90.0
     assert vehicle.done == ["upload", "read"]
