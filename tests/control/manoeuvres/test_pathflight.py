@@ -51,7 +51,7 @@ class PathRig(Told):
     """
 
     def __init__(self):
-        camera = CameraModel(gone=((GONE, GONE + 1.8),))
+        camera = CameraModel(gone=((GONE, GONE + 1.8),), rate=15.0)
         super().__init__(Flight(seed=4, wind=WindClass.INDOOR, seconds=ABORTED + 0.6, camera=camera))
         self.away, self.stages = [], []
         assert self.core.feed(PathUploaded(CIRCLE), 0.0).refusal is None
