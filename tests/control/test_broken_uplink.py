@@ -8,13 +8,13 @@ import numpy as np
 
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
-from lab.rigs.confirmingboard import ConfirmingBoard
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
 from mkdaemon.control.answers import PAUSE, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mksim.config import WindClass
+from tests.control.confirmingboard import ConfirmingBoard
 from tests.control.coreflights import Told
 
 STEP = 6.0

@@ -4,11 +4,11 @@ import pytest
 
 pytest.importorskip("evdev", reason="evdev is not installed: pip install 'mkdaemon[teleop]'")
 
-from lab.rigs.pipedpad import PipedPad
 from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.client.teleop.inputs import AxisRange
+from tests.cli.teleop.pipedpad import PipedPad
 
 # The events are the kernel's structs, read by evdev itself; state and capabilities come from the rig.
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from lab.rigs.pipedpad import PipedPad
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.cli.mkctl.teleop import padsearch
@@ -20,6 +19,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.joy import Joy
 from mkdaemon.virtualtime import run_virtually
+from tests.cli.teleop.pipedpad import PipedPad
 from tests.cli.teleop.rig import FakeDaemon
 from tests.client.teleop.pads import FACTS, REST, gamepad
 
