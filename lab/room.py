@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Campaign, First, Jobs, Kept, Row, summed_up
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
 from lab.demo import flown
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
@@ -38,15 +38,17 @@ def fly(flight: Row) -> Row:
     """
     aircraft = simulated_aircraft(flight["seed"], flight["wind"], flight["fps"])
     record, row = flown(lambda watch: room_demonstration(aircraft, watch), STRAYED)
-    return row | figures_of(record)
+    return judged(row, record)
 
 
-def figures_of(record: Rehearsed) -> Row:
-    """What `fly` returns of a record, beside its ending."""
+def judged(row: Row, record: Rehearsed) -> Row:
+    """A row with the figures of its record; a landing before every part was flown did not finish."""
     parts = {"hold_cm": "hold", "midway_cm": "midway", "eight_cm": "eight"}
-    return {name: rms_cm(np.hypot(*record.errors(part)[:, :2].T)) for name, part in parts.items()} | {
-        "posed": round(record.posed / max(record.images, 1), 3)
-    }
+    figures = {name: rms_cm(np.hypot(*record.errors(part)[:, :2].T)) for name, part in parts.items()}
+    missing = [part for name, part in parts.items() if figures[name] is None]
+    if missing and row["ending"] == Ending.FINISHED:
+        row = row | {"ending": Ending.WRONG, "why": f"not flown: {', '.join(missing)}"}
+    return row | figures | {"posed": round(record.posed / max(record.images, 1), 3)}
 
 
 def rms_cm(distances: npt.ArrayLike) -> float | None:

@@ -39,7 +39,7 @@ def fly(case: str, setting: Setting) -> Row:
     record, row = flown(prepare, room.STRAYED)
     if row["ending"] == Ending.FINISHED and motors_run(aircraft):
         return row | {"ending": Ending.LOST, "why": "its motors run on the ground"}
-    return row | room.figures_of(record) if case == "room" else followed.judged(row)
+    return room.judged(row, record) if case == "room" else followed.judged(row)
 
 
 def show(rows: Sequence[Row], *, as_json: bool) -> int:

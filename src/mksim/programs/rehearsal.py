@@ -404,7 +404,8 @@ class Rehearsal:
             status = self._value("control/status", ControlStatus)
             if status is None or status.lease is None:
                 return False
-            is_new = self._loop.time() - began > 2 * PERIOD
+            # The last part's status, which is done, may stand there for a while.
+            is_new = self._loop.time() - began > 2 * PERIOD and kind.suffix.endswith(f"/{status.manoeuvre}")
             if seconds is None and is_new and status.is_done and kind is not LandSetpoint:
                 return True
         return seconds is not None
