@@ -16,7 +16,7 @@ from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.knownaircraft import ASK_TIME, IdentityCheck, KnownAircraft
-from mkdaemon.link.session.peers import Peers
+from mkdaemon.link.session.peers import PROOF_AGE, Peers, Proof
 from mkdaemon.link.session.release import QUIET_TIME
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -217,11 +217,28 @@ def test_what_tells_one_aircraft_from_another(board, message, difference):
     assert known.find_difference(board, message, 1.0) == difference
 
 
+@pytest.mark.parametrize(
+    ("before", "board", "difference"),
+    [
+        ([(Board.FC, FC)], Board.NC, "nc answers where fc did"),
+        ([(Board.NC, NC), (Board.FC, FC)], Board.FC, "fc answers where nc did"),
+        ([(Board.NC, NC), (Board.FC, FC)], Board.NC, None),
+    ],
+)
+def test_another_board_at_the_end_of_the_wire_is_another_aircraft(before, board, difference):
+    assert knows(*before).find_misplaced(board) == difference
+
+
 def test_a_set_that_was_written_is_not_compared_with_the_one_before():
     known = knows(
         (Board.FC, FC), (Board.FC, Settings(index=3, parameters=bytes(144))), (Board.FC, SettingsWritten(index=3))
     )
     assert known.find_difference(Board.FC, Settings(index=3, parameters=b"\1" + bytes(143)), 1.0) is None
+
+
+def test_another_release_at_the_same_address_is_another_aircraft():
+    known = knows((Board.NC, NC), (Board.FC, FC), (Board.FC, FC.model_copy(update={"minor": 8})))
+    assert known.versions.keys() == {Board.FC}
 
 
 def asked(check: IdentityCheck, until: float) -> list[tuple[float, bytes]]:
@@ -281,6 +298,39 @@ def peers():
     return Peers()
 
 
+def test_a_version_reply_proves_its_sender_until_it_is_old(peers):
+    assert peers.proof is None
+    assert not peers.is_proven(Board.FC, 0.0)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    assert peers.proof == Proof(Board.FC, 10.0)
+    assert peers.is_proven(Board.FC, 10.0 + PROOF_AGE)
+    assert not peers.is_proven(Board.FC, 10.0 + PROOF_AGE + 0.01)
+    assert not peers.is_proven(Board.NC, 10.0)
+
+
+def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware(peers):
+    peers.version_received(Board.FC, VERSION, 10.0)
+    peers.redirect(Board.FC, 10.0)
+    assert not peers.is_proven(Board.FC, 10.0)
+    assert peers.firmware == {Board.FC: str(VERSION.release)}
+    peers.version_received(Board.FC, VERSION, 11.0)
+    peers.redirect(None, 11.5)
+    assert not peers.is_proven(Board.FC, 11.0)
+
+
+def test_another_opening_of_the_port_voids_everything_that_was_heard(peers):
+    peers.note_sender(Board.FC)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    peers.restart()
+    assert (peers.direct, peers.boards, peers.firmware, peers.proof) == (Board.ANY, set(), {}, None)
+
+
+@pytest.mark.parametrize("board", [Board.BL, Board.MAG])
+def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends(peers, board):
+    assert not peers.note_sender(board)
+    assert (peers.direct, peers.boards) == (Board.ANY, set())
+
+
 def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards(peers):
     peers.redirect(None, 0.5)  # it had not begun
     assert not peers.caused_silence(0.1, 2.0)
@@ -289,6 +339,22 @@ def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boa
     assert peers.caused_silence(10.4, 15.5)
     assert not peers.caused_silence(9.0, 15.5)
     assert not peers.caused_silence(16.0, 17.5)
+
+
+def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port(peers):
+    peers.note_sender(Board.FC)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    assert peers.learn(Board.FC, VERSION)
+    assert peers.dialect.extern_control is not None
+    peers.forget()
+    assert peers.dialect.extern_control is None
+    assert (peers.direct, peers.firmware, peers.proof) == (Board.FC, {}, None)
+
+
+def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it(peers):
+    assert peers.note_sender(Board.NC)
+    assert not peers.note_sender(Board.FC)
+    assert (peers.direct, peers.boards) == (Board.NC, {Board.FC, Board.NC})
 
 
 def test_looks_behind_a_navictrl_are_counted_on_for_a_flightctrl_that_never_named_itself(peers):
