@@ -14,6 +14,7 @@ from mkdaemon.frames import (
     euler_from_rotation,
     geodetic_from_enu,
     rotation_from_euler,
+    rotation_from_quaternion,
 )
 
 ANGLE = st.floats(-math.pi, math.pi)
@@ -65,3 +66,8 @@ def test_one_arc_minute_north_is_a_nautical_mile():
     origin = (math.radians(45.0), 0.0, 0.0)
     _, north, _ = enu_from_geodetic(math.radians(45.0 + 1 / 60), 0.0, 0.0, origin)
     assert north == pytest.approx(1852.0, abs=1.0)
+
+
+def test_a_quaternion_without_length_is_refused():
+    with pytest.raises(ValueError, match="length zero"):
+        rotation_from_quaternion((0.0, 0.0, 0.0, 0.0))

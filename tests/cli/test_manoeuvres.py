@@ -353,3 +353,10 @@ async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
     async with navictrl(ROUTE, report(NaviStage.HOME, waypoint=0, waypoints=0)) as (_, here):
         with pytest.raises(ManoeuvreError, match="list is gone"):
             await manoeuvres.goto(1.0, 0.0, 2.0, frame="home", confirm=True, connection=here)
+
+
+async def test_a_script_is_checked_without_a_daemon(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(SCRIPT)
+    await script.fly(path, check=True)
+    assert "5 steps, nothing wrong" in capsys.readouterr().out

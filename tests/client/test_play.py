@@ -254,3 +254,10 @@ def test_days_of_silence_are_told_and_not_waited_for():
         MkError, match=r"nothing was recorded for 216 hours .* --to 2025-10-09T\S+Z, .* --from 2025-10-18T"
     ):
         PlaySelection.of(Listed(entries), None)
+
+
+async def test_what_was_recorded_before_the_beginning_is_known():
+    recorded = list(samples())
+    third = recorded[-3].base.file_time(recorded[-3].received)
+    async with asked(1, first=third) as (_, _, uav):
+        assert set(await uav.get_all("**")) >= {entry.suffix for entry in recorded[:-2]}

@@ -18,7 +18,7 @@ from mkdaemon.client.session import (
     RepeatedSetpoint,
     SessionState,
 )
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import HolderGrant, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from tests.client.sessionlease import STAMP, control_status
@@ -232,3 +232,12 @@ def test_nothing_leaves_without_a_lease_no_stream_is_repeated_and_numbers_count_
         if flight.state is LOST:
             assert flight.reason and flight.repeated is None
     assert sent == sorted(set(sent))
+
+
+def test_a_manoeuvre_that_is_not_done_in_time_says_where_it_stands():
+    flight = session(HELD, phase=Phase.FLYING)
+    flight.fly(RepeatedSetpoint("position", {"position": (0, 0, 2), "frame": "pad"}, 1.0, 1.0, is_until_done=True), 0.0)
+    flight.step(0.0)
+    flight.status_arrived(control_status(Phase.FLYING, EPOCH, stage="on the way"), 0.9)
+    with pytest.raises(ManoeuvreError, match="position not done within 1 s: on the way"):
+        flight.step(1.0)
