@@ -22,7 +22,7 @@ from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.manoeuvre import End, Manoeuvre, Step, ended, level_at
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
-from mkdaemon.control.regulator.horizontal import BY_REPORT, OVER_MAP, OVER_TARGET, HorizontalCosts
+from mkdaemon.control.regulator.horizontal import OVER_MAP, OVER_TARGET, HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
 from mkdaemon.control.sight import Sight, triple, turned
@@ -164,7 +164,7 @@ class Arrival:
 
 def costs_by(view: TargetView) -> HorizontalCosts:
     """Weights for a flight whose estimate begins with a view."""
-    return BY_REPORT if view.is_placed else OVER_MAP if view.is_of_map else OVER_TARGET
+    return OVER_MAP if view.is_of_map else OVER_TARGET
 
 
 def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, estimate: Estimate) -> Autopilot:

@@ -49,12 +49,11 @@ class HorizontalCosts:
 
 
 OVER_TARGET: Final = HorizontalCosts()
-"""By cameras over one target: a lean may take it out of sight."""
-BY_REPORT: Final = HorizontalCosts(position=24.0, velocity=2.0, rate=0.3, stick=1.0)
-"""By a source of poses, from which nothing hides; docs/lab/positions.md, "The regulator"."""
+"""By cameras over one target, which a lean may take out of sight, and by a source of poses: docs/lab/positions.md, "The
+regulator"."""
 OVER_MAP: Final = HorizontalCosts(position=48.0, velocity=4.0, rate=0.4, stick=1.0)
 """By cameras over a map, of which a lean shows other tags; docs/lab/control.md, "Rooms"."""
-COSTS: Final = (OVER_TARGET, BY_REPORT, OVER_MAP)
+COSTS: Final = (OVER_TARGET, OVER_MAP)
 """Everything that is flown by, the gentlest first."""
 PREVIEW: Final = 30
 """Steps of the reference that are seen ahead: after 0.6 s a jump of its acceleration asks for nothing yet."""
