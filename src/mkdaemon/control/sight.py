@@ -404,8 +404,8 @@ def velocity_between(before: TargetView | None, view: TargetView) -> Array | Non
         return None
     if view.is_placed:
         return (view.place - before.place) / step
-    moved = turned(before.position_flu - view.position_flu, view.heading) + np.subtract(view.point, before.point)
-    return moved / step
+    seen = turned((before.position_flu - view.position_flu) / step, view.heading)
+    return seen + np.subtract(view.point, before.point) / step
 
 
 def turned(vector: Array, yaw: float) -> Array:
