@@ -404,8 +404,7 @@ class Rehearsal:
             status = self._value("control/status", ControlStatus)
             if status is None or status.lease is None:
                 return False
-            # The last part's status, which is done, may stand there for a while.
-            is_new = self._loop.time() - began > 2 * PERIOD and kind.suffix.endswith(f"/{status.manoeuvre}")
+            is_new = status.stamp.monotonic - began > 2 * PERIOD  # the last part's status may stand there for longer
             if seconds is None and is_new and status.is_done and kind is not LandSetpoint:
                 return True
         return seconds is not None

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.config.vision import VisionSection
+from mkdaemon.config.vision import TrackerSection, VisionSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.telemetry.vision import CameraSetup, VisionPose
 from mkdaemon.vision.camera.calibration_file import mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Place, Tag, TagMap, Target, single
 from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.follower import MOST_EFFORT, Follower
+from mkdaemon.vision.track.mapfollower import MapFollower
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.camera import BUILT_IN
 from mksim.scene.motion import Platform
@@ -120,6 +126,8 @@ def test_a_place_is_a_target_in_its_own_frame(flown):
     *images, (_, report) = flown
     for _, (of_map, of_place) in images:
         assert (of_map.target, of_place.target) == ("room", "pad-b")
+        assert of_map.is_of_map
+        assert of_place.is_of_map
         expected = PAD.rotation.T @ (np.array(of_map.position_target) - PAD.position)
         assert of_place.position_target == pytest.approx(expected)
         turned = PAD.rotation.T @ rotation_from_quaternion(of_map.quaternion_target_from_flu)
@@ -146,3 +154,14 @@ def test_what_a_survey_leaves_open_makes_a_pose_less_certain():
     # The place, and the turn at the arm of the height.
     assert more[:2] == pytest.approx(0.01**2 * (1.0 + HEIGHT**2), rel=0.15)
     assert more[2] == pytest.approx(0.01**2, rel=0.15)
+
+
+def test_a_print_that_faces_away_is_not_chosen():
+    whole = corridor()
+    wall = replace(whole.tags[0], rotation=rotation_from_euler(np.pi, 0.0, 0.0))
+    target = replace(whole, tags=(wall, *whole.tags[1:]))
+    follower = MapFollower(
+        target, Projection(LENS), Detector({"tag36h11": frozenset(range(10))}), None, TrackerSection()
+    )
+    above = Pose(DOWN, np.array([0.0, 0.0, HEIGHT]), np.eye(6), "edges", 40, 0.3)
+    assert [tag.tag_id for tag in follower._prints[follower._best(above)].tags] != [0]
